@@ -1,0 +1,9 @@
+"""The world: scenes, kinematics, lidar and contact. No reinforcement learning in this room."""
+
+from morlnav.world.base import Contact, World
+from morlnav.world.kinematics import DifferentialDrive
+from morlnav.world.lidar import Lidar
+from morlnav.world.scene import Scene, SceneSampler
+from morlnav.world.tensor import TensorWorld
+
+__all__ = ["Contact", "DifferentialDrive", "Lidar", "Scene", "SceneSampler", "TensorWorld", "World"]

@@ -1,0 +1,114 @@
+"""The interface that both physics engines implement."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+
+import torch
+from tensordict import tensorclass
+from torch import Tensor
+
+from morlnav.world.geometry import polar
+from morlnav.world.kinematics import DifferentialDrive
+from morlnav.world.lidar import Lidar
+from morlnav.world.scene import Scene
+
+
+@tensorclass
+class Contact:
+    """What the robot met during one control step; all ``bool`` of shape ``[B]``."""
+
+    human: Tensor
+    box: Tensor
+    goal: Tensor
+
+
+class World(ABC):
+    """Robots in a batch of scenes: positions, motion, contact and lidar; no word of reinforcement learning.
+
+    Args:
+        robot: kinematics and size of the robot.
+        lidar: the range scanner.
+        human_radius: in metres.
+        goal_radius: the goal counts as reached within this distance in metres.
+        step_time: one control step in seconds (5 Hz).
+        check_interval: contact and goal are checked at least this often, in seconds.
+        device: where the tensors live.
+
+    Raises:
+        ValueError: if a radius or a time is not positive.
+    """
+
+    def __init__(
+        self,
+        robot: DifferentialDrive | None = None,
+        lidar: Lidar | None = None,
+        human_radius: float = 0.3,
+        goal_radius: float = 0.35,
+        step_time: float = 0.2,
+        check_interval: float = 0.05,
+        device: torch.device | str | None = None,
+    ) -> None:
+        values = {
+            "human_radius": human_radius,
+            "goal_radius": goal_radius,
+            "step_time": step_time,
+            "check_interval": check_interval,
+        }
+        for name, value in values.items():
+            if value <= 0:
+                raise ValueError(f"The world's {name} must be positive, got {value}.")
+        self.robot = robot or DifferentialDrive()
+        self.lidar = lidar or Lidar()
+        self.human_radius = human_radius
+        self.goal_radius = goal_radius
+        self.step_time = step_time
+        self.substeps = math.ceil(step_time / check_interval - 1e-9)
+        self.device = torch.device(device) if device is not None else torch.device("cpu")
+        self.scene: Scene | None = None
+        self.pose: Tensor | None = None
+
+    def reset(self, scene: Scene, mask: Tensor | None = None) -> None:
+        """Put the robots at their starts.
+
+        Args:
+            scene: scenes for all ``B`` slots.
+            mask: ``bool`` ``[B]``; only these slots take their new scene, the others go on. ``None``: all.
+
+        Raises:
+            ValueError: if a scene is impossible.
+        """
+        scene = scene.to(self.device)
+        if mask is None or self.scene is None:
+            self.scene, self.pose = scene, scene.start.clone()
+        else:
+            self.scene = torch.where(mask, scene, self.scene)
+            self.pose = torch.where(mask[:, None], scene.start, self.pose)
+
+    def observe(self) -> Tensor:
+        """The raw observation of SPEC: goal and human in polar coordinates, then the pooled scan, ``[B, 4 + sectors]``."""
+        goal, human = polar(self.scene.goal, self.pose), polar(self.scene.human, self.pose)
+        return torch.cat([goal, human, self.scan()], -1)
+
+    @abstractmethod
+    def step(self, action: Tensor) -> Contact:
+        """Drive every robot for one control step with ``action`` ``[B, 2]`` = (v m/s, ω rad/s).
+
+        A robot stops where it first touches the human, a box or the goal's disc.
+        """
+
+    @abstractmethod
+    def scan(self) -> Tensor:
+        """The min-pooled lidar scan from the present poses in metres, ``[B, sectors]``."""
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Everything needed to go on from here, as plain tensors."""
+        return {"pose": self.pose, **self.scene.to_tensordict().to_dict()}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Go on from a state that :meth:`state_dict` returned."""
+        state = dict(state)
+        pose = state.pop("pose").to(self.device)
+        self.reset(Scene(**state, batch_size=pose.shape[:1]))
+        self.pose = pose.clone()

@@ -83,7 +83,7 @@ class World(ABC):
         if mask is None or self.scene is None:
             self.scene, self.pose = scene, scene.start.clone()
         else:
-            self.scene = torch.where(mask, scene, self.scene)
+            self.scene = scene.where(mask, self.scene)
             self.pose = torch.where(mask[:, None], scene.start, self.pose)
 
     def observe(self) -> Tensor:

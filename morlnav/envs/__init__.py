@@ -1,0 +1,25 @@
+"""Environments and their reward terms."""
+
+from morlnav.envs.navigation import NavigationEnv
+from morlnav.envs.rewards import (
+    Collision,
+    Efficiency,
+    GoalProgress,
+    HumanDistance,
+    Objective,
+    Sum,
+    Transition,
+    default_objectives,
+)
+
+__all__ = [
+    "Collision",
+    "Efficiency",
+    "GoalProgress",
+    "HumanDistance",
+    "NavigationEnv",
+    "Objective",
+    "Sum",
+    "Transition",
+    "default_objectives",
+]

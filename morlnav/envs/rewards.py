@@ -1,0 +1,164 @@
+"""Reward terms: small objects, each turning a transition into one entry of the reward vector (Sec. III-D)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from morlnav.world import Contact, Scene
+
+
+@dataclass(frozen=True)
+class Transition:
+    """What reward terms may look at; tensors lead with the batch dimension ``[B]``.
+
+    Attributes:
+        pose: robot poses before the step ``[B, 3]``.
+        next_pose: robot poses after the step ``[B, 3]``.
+        action: ``(v, ω)`` in m/s and rad/s ``[B, 2]``.
+        observation: before the step ``[B, 34]``.
+        next_observation: after the step ``[B, 34]``.
+        contact: what was met during the step.
+        scene: the scenes driven in.
+    """
+
+    pose: Tensor
+    next_pose: Tensor
+    action: Tensor
+    observation: Tensor
+    next_observation: Tensor
+    contact: Contact
+    scene: Scene
+
+    @property
+    def goal_distance(self) -> Tensor:
+        """Distance to the goal before the step in metres, ``[B]``."""
+        return (self.pose[..., :2] - self.scene.goal).norm(dim=-1)
+
+    @property
+    def next_goal_distance(self) -> Tensor:
+        """Distance to the goal after the step in metres, ``[B]``."""
+        return (self.next_pose[..., :2] - self.scene.goal).norm(dim=-1)
+
+    @property
+    def next_human_distance(self) -> Tensor:
+        """Distance to the human's centre after the step in metres, ``[B]``."""
+        return (self.next_pose[..., :2] - self.scene.human).norm(dim=-1)
+
+
+class Objective(Protocol):
+    """Anything callable on a :class:`Transition`; ``static = True`` fixes its preference weight at 1 (Eq. 2)."""
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """The reward of every environment, ``[B]``."""
+
+
+@dataclass(frozen=True)
+class GoalProgress:
+    """``scale`` per metre of progress toward the goal, ``c_g·(d_{t-1} - d_t)`` (Sec. III-D.1, sign as intended).
+
+    >>> GoalProgress(scale=125.0).scale
+    125.0
+    """
+
+    scale: float = 125.0
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        return self.scale * (transition.goal_distance - transition.next_goal_distance)
+
+
+@dataclass(frozen=True)
+class Collision:
+    """``penalty`` on contact with the human or a box (Sec. III-D.1).
+
+    >>> Collision().penalty
+    -1000.0
+    """
+
+    penalty: float = -1000.0
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        return self.penalty * (transition.contact.human | transition.contact.box).to(transition.pose.dtype)
+
+
+@dataclass(frozen=True)
+class HumanDistance:
+    """Quadratic penalty for closeness to the human (Eq. 3): 0 beyond ``threshold`` m, ``penalty`` at ``minimum`` m.
+
+    >>> HumanDistance().threshold
+    2.0
+    """
+
+    penalty: float = -10.0
+    threshold: float = 2.0
+    minimum: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.minimum < self.threshold:
+            raise ValueError(f"HumanDistance needs 0 <= minimum < threshold, got {self.minimum} and {self.threshold}.")
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        intrusion = (self.threshold - transition.next_human_distance).clamp_min(0)
+        return self.penalty * (intrusion / (self.threshold - self.minimum)).square()
+
+
+@dataclass(frozen=True)
+class Efficiency:
+    """A constant ``penalty`` per step (Sec. III-D.2).
+
+    >>> Efficiency().penalty
+    -10.0
+    """
+
+    penalty: float = -10.0
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        return torch.full_like(transition.pose[..., 0], self.penalty)
+
+
+class Sum:
+    """Several terms that share one entry of the reward vector.
+
+    Args:
+        terms: the terms to add.
+        static: whether the entry's preference weight is fixed at 1, as the baseline's is (Eq. 2).
+
+    Raises:
+        ValueError: if there is no term.
+
+    Examples:
+        >>> baseline = Sum([GoalProgress(), Collision()], static=True)
+        >>> baseline.static
+        True
+    """
+
+    def __init__(self, terms: Sequence[Objective], static: bool = False) -> None:
+        if not terms:
+            raise ValueError("Sum needs at least one reward term.")
+        self.terms = list(terms)
+        self.static = static
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        return sum(term(transition) for term in self.terms)
+
+
+def default_objectives() -> dict[str, Objective]:
+    """The paper's analytical objectives: the static baseline, then human distance and efficiency.
+
+    >>> list(default_objectives())
+    ['baseline', 'distance', 'efficiency']
+    """
+    return {
+        "baseline": Sum([GoalProgress(), Collision()], static=True),
+        "distance": HumanDistance(),
+        "efficiency": Efficiency(),
+    }

@@ -3,7 +3,8 @@
 from morlnav.world.base import Contact, World
 from morlnav.world.kinematics import DifferentialDrive
 from morlnav.world.lidar import Lidar
+from morlnav.world.pymunk import PymunkWorld
 from morlnav.world.scene import Scene, SceneSampler
 from morlnav.world.tensor import TensorWorld
 
-__all__ = ["Contact", "DifferentialDrive", "Lidar", "Scene", "SceneSampler", "TensorWorld", "World"]
+__all__ = ["Contact", "DifferentialDrive", "Lidar", "PymunkWorld", "Scene", "SceneSampler", "TensorWorld", "World"]

@@ -77,19 +77,31 @@ class World(ABC):
             mask: ``bool`` ``[B]``; only these slots take their new scene, the others go on. ``None``: all.
 
         Raises:
-            ValueError: if a scene is impossible.
+            ValueError: if a scene of a full reset is impossible (partial resets, which sampled scenes come in by all
+                the time, are not checked), or if a partial reset changes the number of boxes.
         """
         scene = scene.to(self.device)
         if mask is None or self.scene is None:
+            scene.check(self.robot.radius, self.human_radius)
             self.scene, self.pose = scene, scene.start.clone()
+        elif scene.boxes.shape != self.scene.boxes.shape:
+            raise ValueError(
+                f"A partial reset cannot change the boxes' shape from {tuple(self.scene.boxes.shape)} to "
+                f"{tuple(scene.boxes.shape)}; reset all slots, or keep the number of boxes."
+            )
         else:
             self.scene = scene.where(mask, self.scene)
             self.pose = torch.where(mask[:, None], scene.start, self.pose)
 
     def observe(self) -> Tensor:
-        """The raw observation of SPEC: goal and human in polar coordinates, then the pooled scan, ``[B, 4 + sectors]``."""
+        """The raw observation: goal and human in polar coordinates, then the pooled scan, ``[B, 4 + sectors]``."""
         goal, human = polar(self.scene.goal, self.pose), polar(self.scene.human, self.pose)
         return torch.cat([goal, human, self.scan()], -1)
+
+    def path(self, action: Tensor) -> Tensor:
+        """The check points of the arc that ``action`` ``[B, 2]`` drives in one control step, ``[B, substeps, 3]``."""
+        times = torch.arange(1, self.substeps + 1, device=self.device) * (self.step_time / self.substeps)
+        return self.robot.move(self.pose.unsqueeze(1), action.unsqueeze(1), times)
 
     @abstractmethod
     def step(self, action: Tensor) -> Contact:

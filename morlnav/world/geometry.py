@@ -18,8 +18,8 @@ def wrap_angle(angle: Tensor) -> Tensor:
 def to_frame(point: Tensor, origin: Tensor, angle: Tensor) -> Tensor:
     """Express ``point`` ``[..., 2]`` in the frame at ``origin`` ``[..., 2]`` turned by ``angle`` ``[...]``.
 
-    >>> to_frame(torch.tensor([1.0, 1.0]), torch.tensor([1.0, 0.0]), torch.tensor(torch.pi / 2)).round()
-    tensor([1., 0.])
+    >>> to_frame(torch.tensor([1.0, 1.0]), torch.tensor([1.0, 0.0]), torch.tensor(0.0))
+    tensor([0., 1.])
     """
     dx, dy = (point - origin).unbind(-1)
     cos, sin = angle.cos(), angle.sin()
@@ -37,7 +37,7 @@ def distance_to_box(point: Tensor, box: Tensor) -> Tensor:
 
 
 def polar(point: Tensor, pose: Tensor) -> Tensor:
-    """Distance (m) and bearing (rad, counter-clockwise positive) of ``point`` ``[..., 2]`` seen from ``pose`` ``[..., 3]``.
+    """Distance (m) and bearing (rad, counter-clockwise positive) of ``point`` ``[..., 2]`` from ``pose`` ``[..., 3]``.
 
     >>> polar(torch.tensor([0.0, 2.0]), torch.tensor([0.0, 0.0, 0.0]))
     tensor([2.0000, 1.5708])

@@ -47,8 +47,8 @@ class DifferentialDrive:
         """Largest action ``(v, ω)``, shape ``[2]``."""
         return torch.tensor([self.max_speed, self.max_turn])
 
-    def move(self, pose: Tensor, action: Tensor, duration: float) -> Tensor:
-        """Integrate the exact arc of constant ``action`` ``[..., 2]`` from ``pose`` ``[..., 3]`` over ``duration`` seconds."""
+    def move(self, pose: Tensor, action: Tensor, duration: float | Tensor) -> Tensor:
+        """Follow the exact arc of constant ``action`` ``[..., 2]`` from ``pose`` ``[..., 3]`` for ``duration`` s."""
         v, w = action.unbind(-1)
         x, y, heading = pose.unbind(-1)
         half = w * (duration / 2)

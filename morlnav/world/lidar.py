@@ -57,28 +57,29 @@ class Lidar:
             human_radius: in metres.
 
         Returns:
-            Tensor of shape ``[B, rays]``.
+            Tensor of shape ``[B, rays]``; a ray that begins inside the human or a box reads 0.
         """
-        angles = self.angles(pose.device)
+        angles = self.angles(pose.device).to(pose.dtype)
         cos, sin = angles.cos(), angles.sin()
         # The human, in the robot's frame: the nearer root of |t·u - c| = r.
         centre = to_frame(human, pose[..., :2], pose[..., 2])
         along = centre[:, :1] * cos + centre[:, 1:] * sin
         across = centre[:, :1] * sin - centre[:, 1:] * cos
         gap = human_radius**2 - across.square()
-        hit = (gap >= 0) & (along > 0)
-        nearest = torch.where(hit, along - gap.clamp_min(0).sqrt(), self.max_range)
+        root = gap.clamp_min(0).sqrt()
+        nearest = torch.where((gap >= 0) & (along + root >= 0), along - root, self.max_range)
         # The boxes, each in its own frame, where a ray is tested against two slabs.
         origin = to_frame(pose[:, None, :2], boxes[..., :2], boxes[..., 4])
         turn = pose[:, None, 2] - boxes[..., 4]
         turn_cos, turn_sin = turn.cos().unsqueeze(-1), turn.sin().unsqueeze(-1)
-        inv_x = (turn_cos * cos - turn_sin * sin).reciprocal_()
-        inv_y = (turn_sin * cos + turn_cos * sin).reciprocal_()
+        # The offset keeps a ray that runs exactly along a side from turning into ∞ - ∞.
+        inv_x = (turn_cos * cos - turn_sin * sin).add_(1e-20).reciprocal_()
+        inv_y = (turn_sin * cos + turn_cos * sin).add_(1e-20).reciprocal_()
         mid_x, mid_y = -origin[..., :1] * inv_x, -origin[..., 1:] * inv_y
         span_x, span_y = boxes[..., 2:3] * inv_x.abs_(), boxes[..., 3:4] * inv_y.abs_()
         enter = torch.maximum(mid_x - span_x, mid_y - span_y)
         leave = torch.minimum(mid_x + span_x, mid_y + span_y)
-        enter = torch.where((enter <= leave) & (enter >= 0), enter, self.max_range)
+        enter = torch.where((enter <= leave) & (leave >= 0), enter, self.max_range)
         if boxes.shape[-2]:
             nearest = torch.minimum(nearest, enter.amin(-2))
         return nearest.clamp_(0, self.max_range)

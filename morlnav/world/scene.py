@@ -33,9 +33,22 @@ class Scene:
     def check(self, robot_radius: float = 0.18, human_radius: float = 0.3) -> None:
         """Refuse scenes that no robot could drive in.
 
+        Args:
+            robot_radius: in metres; the start needs this much room.
+            human_radius: in metres.
+
         Raises:
-            ValueError: if a shape has a negative size, or the start or goal lies inside a box or the human.
+            ValueError: if a tensor has the wrong width, a number is not finite, a box has no size, or the start or
+                goal lies inside a box or the human.
         """
+        for name, width in {"start": 3, "goal": 2, "human": 2, "boxes": 5}.items():
+            value = getattr(self, name)
+            if value.shape[-1] != width:
+                raise ValueError(
+                    f"A scene's {name} needs {width} numbers in its last dimension, got {value.shape[-1]}."
+                )
+            if not value.isfinite().all():
+                raise ValueError(f"A scene's {name} must be finite; at least one number is NaN or infinite.")
         if (self.boxes[..., 2:4] <= 0).any():
             raise ValueError("Every box needs positive half sides; at least one is zero or negative.")
         for name, point in (("start", self.start[..., :2]), ("goal", self.goal)):

@@ -23,9 +23,7 @@ class TensorWorld(World):
 
     def step(self, action: Tensor) -> Contact:
         """See :meth:`World.step`. All check points of the arc are computed at once, then the first contact is taken."""
-        scene, count = self.scene, self.substeps
-        times = torch.arange(1, count + 1, device=self.device) * (self.step_time / count)
-        path = self.robot.move(self.pose.unsqueeze(1), action.unsqueeze(1), times)
+        scene, path = self.scene, self.path(action)
         point = path[..., :2]
         human = (point - scene.human.unsqueeze(1)).norm(dim=-1) <= self.human_radius + self.robot.radius
         if scene.boxes.shape[-2]:
@@ -35,7 +33,7 @@ class TensorWorld(World):
             box = torch.zeros_like(human)
         goal = (point - scene.goal.unsqueeze(1)).norm(dim=-1) <= self.goal_radius
         event = human | box | goal
-        first = torch.where(event.any(1), event.to(torch.uint8).argmax(1), count - 1).unsqueeze(1)
+        first = torch.where(event.any(1), event.to(torch.uint8).argmax(1), self.substeps - 1).unsqueeze(1)
         self.pose = path.gather(1, first.unsqueeze(-1).expand(-1, 1, 3)).squeeze(1)
         human, box, goal = (flag.gather(1, first).squeeze(1) for flag in (human, box, goal))
         return Contact(human=human, box=box, goal=goal & ~human & ~box, batch_size=human.shape)

@@ -1,0 +1,137 @@
+"""Preference-conditioned actor and vector-valued critic as plain modules on raw observations."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+from torchrl.modules import MLP
+
+
+class NavigationFeatures(nn.Module):
+    """Bring a raw observation ``[..., 34]`` to numbers of order one ``[..., 68]``.
+
+    Bearings become sine and cosine, so that straight behind is no jump; distances are given linearly and by a term
+    that resolves the last decimetres, where contact is decided.
+
+    Args:
+        observe_human: whether the observation holds the human's distance and bearing.
+        lidar_range: range of the lidar in metres.
+        sectors: number of lidar sectors.
+
+    Examples:
+        >>> NavigationFeatures()(torch.zeros(5, 34)).shape
+        torch.Size([5, 68])
+    """
+
+    def __init__(self, observe_human: bool = True, lidar_range: float = 4.0, sectors: int = 30) -> None:
+        super().__init__()
+        self.observe_human = observe_human
+        self.lidar_range = lidar_range
+        self.in_features = 2 + 2 * observe_human + sectors
+        self.out_features = 4 * (1 + observe_human) + 2 * sectors
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Map observations in metres and radians to features.
+
+        Raises:
+            ValueError: if the last dimension does not fit.
+        """
+        if observation.shape[-1] != self.in_features:
+            raise ValueError(f"Expected observations [..., {self.in_features}], got {tuple(observation.shape)}.")
+        features = []
+        for i, span in enumerate((6.0, 3.0)[: 1 + self.observe_human]):
+            distance, bearing = observation[..., 2 * i : 2 * i + 2].split(1, -1)
+            features += [distance / span - 1, (-distance).exp(), bearing.sin(), bearing.cos()]
+        lidar = observation[..., 2 * (1 + self.observe_human) :]
+        features += [1 - 2 * lidar / self.lidar_range, 0.3 / (lidar + 0.1) - 0.3]
+        return torch.cat(features, -1)
+
+
+class Actor(nn.Module):
+    """Deterministic policy ``π(s, λ)``: an MLP with a tanh output, scaled to the action's bounds (Sec. III-B.2).
+
+    Args:
+        num_preferences: entries of the preference λ.
+        action_low: least action, length ``A``.
+        action_high: largest action, length ``A``.
+        features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
+        depth: hidden layers.
+        num_cells: neurons per hidden layer.
+
+    Examples:
+        >>> actor = Actor(num_preferences=2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
+        >>> actor(torch.zeros(7, 34), torch.tensor([0.5, 0.5]).expand(7, 2)).shape
+        torch.Size([7, 2])
+    """
+
+    def __init__(
+        self,
+        num_preferences: int,
+        action_low: Tensor | list[float],
+        action_high: Tensor | list[float],
+        features: nn.Module | None = None,
+        depth: int = 4,
+        num_cells: int = 256,
+    ) -> None:
+        super().__init__()
+        self.features = features if features is not None else NavigationFeatures()
+        self.register_buffer("low", torch.as_tensor(action_low, dtype=torch.float32))
+        self.register_buffer("high", torch.as_tensor(action_high, dtype=torch.float32))
+        self.mlp = _mlp(self.features.out_features + num_preferences, self.low.numel(), depth, num_cells, gain=0.01)
+
+    def forward(self, observation: Tensor, preference: Tensor) -> Tensor:
+        """Action ``[..., A]`` in its own units for observations ``[..., D]`` and preferences ``[..., n]``."""
+        unit = self.mlp(self.features(observation), preference).tanh()
+        return self.low + (unit + 1) * (self.high - self.low) / 2
+
+
+class VectorCritic(nn.Module):
+    """Vector value ``Q(s, a, λ)``, one entry per objective (Sec. III-B).
+
+    Args:
+        num_objectives: entries of the reward vector.
+        num_preferences: entries of the preference λ.
+        action_low: least action, length ``A``.
+        action_high: largest action, length ``A``.
+        features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
+        depth: hidden layers.
+        num_cells: neurons per hidden layer.
+
+    Examples:
+        >>> critic = VectorCritic(3, 2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
+        >>> critic(torch.zeros(7, 34), torch.zeros(7, 2), torch.zeros(7, 2)).shape
+        torch.Size([7, 3])
+    """
+
+    def __init__(
+        self,
+        num_objectives: int,
+        num_preferences: int,
+        action_low: Tensor | list[float],
+        action_high: Tensor | list[float],
+        features: nn.Module | None = None,
+        depth: int = 4,
+        num_cells: int = 256,
+    ) -> None:
+        super().__init__()
+        self.features = features if features is not None else NavigationFeatures()
+        self.register_buffer("low", torch.as_tensor(action_low, dtype=torch.float32))
+        self.register_buffer("high", torch.as_tensor(action_high, dtype=torch.float32))
+        inputs = self.features.out_features + num_preferences + self.low.numel()
+        self.mlp = _mlp(inputs, num_objectives, depth, num_cells, gain=1.0)
+
+    def forward(self, observation: Tensor, preference: Tensor, action: Tensor) -> Tensor:
+        """Values ``[..., m]`` for observations ``[..., D]``, preferences ``[..., n]`` and actions ``[..., A]``."""
+        unit = 2 * (action - self.low) / (self.high - self.low) - 1
+        return self.mlp(self.features(observation), preference, unit)
+
+
+def _mlp(in_features: int, out_features: int, depth: int, num_cells: int, gain: float) -> MLP:
+    mlp = MLP(in_features, out_features, depth=depth, num_cells=num_cells, activation_class=nn.ReLU)
+    linear = [layer for layer in mlp if isinstance(layer, nn.Linear)]
+    for layer in linear:
+        nn.init.orthogonal_(layer.weight, gain if layer is linear[-1] else math.sqrt(2))
+        nn.init.zeros_(layer.bias)
+    return mlp

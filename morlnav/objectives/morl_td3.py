@@ -1,0 +1,321 @@
+"""MORL-TD3: twin delayed deterministic policy gradients with vector-valued, preference-conditioned critics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase, TensorDictParams
+from tensordict.nn import TensorDictModule, dispatch
+from tensordict.utils import NestedKey
+from torch import Tensor, nn
+from torchrl.data import Bounded, Composite, TensorSpec
+from torchrl.envs.utils import step_mdp
+from torchrl.objectives.common import LossModule
+from torchrl.objectives.utils import ValueEstimators, _vmap_func, distance_loss
+from torchrl.objectives.value import TD0Estimator
+
+from morlnav.objectives.angle import AngleTerm
+from morlnav.objectives.scalarisation import LinearScalarisation
+
+
+class MORLTD3Loss(LossModule):
+    """Losses of MORL-TD3 (Sec. III-B) for any number of objectives.
+
+    With weights ``w(λ) = [1, …, λ]``, interpolated direction ``λ_p`` and the angle ``g`` of Eq. 1::
+
+        y        = r + γ·Q_k(s', ã, λ),   k = argmin_i wᵀQ_i(s', ã, λ)      (the whole vector of one twin)
+        L_critic = Σ_i ℓ(Q_i(s, a, λ), y) + c_critic·g(λ_p, Q_i)
+        L_actor  = -wᵀQ_1(s, π(s, λ), λ) + c_actor·g(λ_p, Q_1)
+
+    It is a drop-in for :class:`torchrl.objectives.TD3Loss`: same arguments, keys, metadata and target parameters.
+
+    Args:
+        actor_network: writes ``action`` from ``observation`` and ``preference``.
+        qvalue_network: writes ``state_action_value`` ``[..., m]``; copied ``num_qvalue_nets`` times.
+        action_spec: bounded spec of the action; or give ``bounds``.
+        bounds: ``(low, high)`` of the action; exactly one of the two.
+        num_qvalue_nets: number of critics.
+        policy_noise: standard deviation of the target's smoothing noise, in units of half the action range.
+        noise_clip: the noise is clipped to this, in the same units.
+        loss_function: ``"l2"``, ``"l1"`` or ``"smooth_l1"``.
+        delay_actor: keep a target actor.
+        delay_qvalue: keep target critics.
+        scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
+        angle: the angle term; ``None`` leaves it out.
+        interpolator: maps λ to a value direction ``λ_p`` ``[..., m]``; without one, ``λ_p`` is the weight vector.
+        separate_losses: keep critic gradients off parameters shared with the actor.
+        reduction: ``"mean"``, ``"sum"`` or ``"none"`` over the batch.
+        deactivate_vmap: loop over critics instead of ``vmap``.
+        use_prioritized_weights: weigh samples by the buffer's importance weights, ``"auto"`` where present.
+
+    Raises:
+        ValueError: for missing or contradictory action bounds.
+
+    Examples:
+        >>> from morlnav.modules import Actor, VectorCritic
+        >>> low, high = torch.tensor([0.0, -3.14]), torch.tensor([0.5, 3.14])
+        >>> actor = TensorDictModule(Actor(2, low, high), ["observation", "preference"], ["action"])
+        >>> critic = TensorDictModule(
+        ...     VectorCritic(3, 2, low, high), ["observation", "preference", "action"], ["state_action_value"]
+        ... )
+        >>> loss = MORLTD3Loss(actor, critic, bounds=(low, high))
+        >>> batch = TensorDict(
+        ...     observation=torch.randn(8, 34), preference=torch.full((8, 2), 0.5), action=torch.rand(8, 2),
+        ...     next=dict(observation=torch.randn(8, 34), preference=torch.full((8, 2), 0.5), reward=torch.randn(8, 3),
+        ...               done=torch.zeros(8, 1, dtype=torch.bool), terminated=torch.zeros(8, 1, dtype=torch.bool)),
+        ...     batch_size=[8],
+        ... )
+        >>> sorted(loss(batch).keys())[:2]
+        ['loss_actor', 'loss_qvalue']
+    """
+
+    @dataclass
+    class _AcceptedKeys:
+        """Configurable keys; ``preference`` is where λ is read, the rest as in TorchRL's ``TD3Loss``."""
+
+        action: NestedKey = "action"
+        preference: NestedKey = "preference"
+        state_action_value: NestedKey = "state_action_value"
+        priority: NestedKey = "td_error"
+        reward: NestedKey = "reward"
+        done: NestedKey = "done"
+        terminated: NestedKey = "terminated"
+        priority_weight: NestedKey = "priority_weight"
+
+    tensor_keys: _AcceptedKeys
+    default_keys = _AcceptedKeys
+    default_value_estimator = ValueEstimators.TD0
+    out_keys = [  # noqa: RUF012  (the class attribute TorchRL defines)
+        "loss_actor",
+        "loss_qvalue",
+        "pred_value",
+        "state_action_value_actor",
+        "next_state_value",
+        "target_value",
+        "angle_actor",
+        "angle_qvalue",
+    ]
+
+    actor_network: TensorDictModule
+    qvalue_network: TensorDictModule
+    actor_network_params: TensorDictParams
+    qvalue_network_params: TensorDictParams
+    target_actor_network_params: TensorDictParams
+    target_qvalue_network_params: TensorDictParams
+
+    def __init__(
+        self,
+        actor_network: TensorDictModule,
+        qvalue_network: TensorDictModule,
+        *,
+        action_spec: TensorSpec | None = None,
+        bounds: tuple[Tensor | float, Tensor | float] | None = None,
+        num_qvalue_nets: int = 2,
+        policy_noise: float = 0.2,
+        noise_clip: float = 0.5,
+        loss_function: str = "smooth_l1",
+        delay_actor: bool = True,
+        delay_qvalue: bool = True,
+        scalarisation: nn.Module | None = None,
+        angle: AngleTerm | None = None,
+        interpolator: nn.Module | None = None,
+        separate_losses: bool = False,
+        reduction: str | None = None,
+        deactivate_vmap: bool = False,
+        use_prioritized_weights: str | bool = "auto",
+    ) -> None:
+        super().__init__()
+        self.use_prioritized_weights = use_prioritized_weights
+        self._in_keys = None
+        self.delay_actor = delay_actor
+        self.delay_qvalue = delay_qvalue
+        self.deactivate_vmap = deactivate_vmap
+        self.num_qvalue_nets = num_qvalue_nets
+        self.policy_noise = policy_noise
+        self.noise_clip = noise_clip
+        self.loss_function = loss_function
+        self.reduction = reduction or "mean"
+        self.scalarisation = scalarisation if scalarisation is not None else LinearScalarisation()
+        self.angle = angle
+        self.interpolator = interpolator
+
+        policy_params = list(actor_network.parameters()) if separate_losses else None
+        self.convert_to_functional(actor_network, "actor_network", create_target_params=delay_actor)
+        self.convert_to_functional(
+            qvalue_network,
+            "qvalue_network",
+            num_qvalue_nets,
+            create_target_params=delay_qvalue,
+            compare_against=policy_params,
+        )
+        low, high = self._action_bounds(action_spec, bounds)
+        device = next(self.parameters()).device
+        self.register_buffer("min_action", low.to(device))
+        self.register_buffer("max_action", high.to(device))
+        self._make_vmap()
+
+    def _action_bounds(self, action_spec: TensorSpec | None, bounds: tuple | None) -> tuple[Tensor, Tensor]:
+        if (action_spec is None) == (bounds is None):
+            raise ValueError("Give exactly one of 'action_spec' and 'bounds'.")
+        if bounds is None:
+            if isinstance(action_spec, Composite):
+                action_spec = action_spec[self.tensor_keys.action]
+            if not isinstance(action_spec, Bounded):
+                raise ValueError(f"action_spec must be Bounded, got {type(action_spec).__name__}.")
+            space = action_spec.space
+            bounds = space.low.reshape(-1, space.low.shape[-1])[0], space.high.reshape(-1, space.high.shape[-1])[0]
+        low, high = (torch.as_tensor(bound, dtype=torch.get_default_dtype()).clone() for bound in bounds)
+        if (low >= high).any():
+            raise ValueError("Every lower action bound must be below the upper one.")
+        return low, high
+
+    def _make_vmap(self) -> None:
+        self._vmap_qvalue_network00 = _vmap_func(
+            self.qvalue_network, (None, 0), randomness=self.vmap_randomness, pseudo_vmap=self.deactivate_vmap
+        )
+
+    def _forward_value_estimator_keys(self, **kwargs: Any) -> None:
+        if self._value_estimator is not None:
+            self._value_estimator.set_keys(
+                value=self.tensor_keys.state_action_value,
+                reward=self.tensor_keys.reward,
+                done=self.tensor_keys.done,
+                terminated=self.tensor_keys.terminated,
+            )
+        self._set_in_keys()
+
+    def _set_in_keys(self) -> None:
+        keys = self.tensor_keys
+        self._in_keys = list(
+            dict.fromkeys(
+                [
+                    keys.action,
+                    keys.preference,
+                    ("next", keys.reward),
+                    ("next", keys.done),
+                    ("next", keys.terminated),
+                    *self.actor_network.in_keys,
+                    *[("next", key) for key in self.actor_network.in_keys],
+                    *self.qvalue_network.in_keys,
+                ]
+            )
+        )
+
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        """Entries that :meth:`forward` reads."""
+        if self._in_keys is None:
+            self._set_in_keys()
+        return self._in_keys
+
+    @in_keys.setter
+    def in_keys(self, values: list[NestedKey]) -> None:
+        self._in_keys = values
+
+    def _values(self, tensordict: TensorDictBase, params: TensorDictParams) -> Tensor:
+        """Value vectors ``[num_qvalue_nets, B, m]`` of all critics in one batched product."""
+        inputs = tensordict.select(*self.qvalue_network.in_keys, strict=False)
+        return self._vmap_qvalue_network00(inputs, params).get(self.tensor_keys.state_action_value)
+
+    def _act(self, tensordict: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
+        inputs = tensordict.select(*self.actor_network.in_keys, strict=False)
+        with params.to_module(self.actor_network, preserve_module_state=False):
+            return self.actor_network(inputs)
+
+    def _weights(self, tensordict: TensorDictBase, num_objectives: int) -> Tensor:
+        return self.scalarisation(tensordict.get(self.tensor_keys.preference), num_objectives)
+
+    def _angles(self, tensordict: TensorDictBase, value: Tensor) -> Tensor:
+        """Angles between value vectors ``[..., B, m]`` and the preference's interpolated direction, ``[..., B]``."""
+        preference = tensordict.get(self.tensor_keys.preference)
+        if self.interpolator is None:
+            direction = self.scalarisation(preference, value.shape[-1])
+        else:
+            direction = self.interpolator(preference)
+        return self.angle(direction.detach().expand_as(value), value)
+
+    def actor_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
+        """Loss of the actor and its metadata; only the first critic is evaluated, and gets no gradient."""
+        weights = self._maybe_get_priority_weight(tensordict)
+        acted = self._act(tensordict, self.actor_network_params)
+        with self._first_critic_params.to_module(self.qvalue_network, preserve_module_state=False):
+            value = self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
+        loss = -(self._weights(tensordict, value.shape[-1]) * value).sum(-1)
+        metadata = {"state_action_value_actor": value.detach()}
+        if self.angle is not None:
+            angle = self._angles(tensordict, value)
+            metadata["angle_actor"] = angle.detach()
+            loss = loss + self.angle.actor * angle
+        return self._reduce_loss(loss, tensordict=tensordict, weights=weights), metadata
+
+    @property
+    def _first_critic_params(self) -> TensorDictBase:
+        return self.qvalue_network_params.detach()[0]
+
+    def value_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
+        """Loss of the critics and its metadata; ``td_error`` is ``[num_qvalue_nets, B]``, summed over objectives."""
+        weights = self._maybe_get_priority_weight(tensordict)
+        target, next_value = self._target(tensordict)
+        value = self._values(tensordict, self.qvalue_network_params)
+        loss = distance_loss(value, target.expand_as(value), loss_function=self.loss_function).sum(-1)
+        metadata = {
+            "td_error": (value - target).detach().pow(2).sum(-1),
+            "next_state_value": next_value,
+            "pred_value": value.detach(),
+            "target_value": target,
+        }
+        if self.angle is not None:
+            angle = self._angles(tensordict, value)
+            metadata["angle_qvalue"] = angle.detach()
+            loss = loss + self.angle.critic * angle
+        return self._reduce_loss(loss.sum(0), tensordict=tensordict, weights=weights), metadata
+
+    @torch.no_grad()
+    def _target(self, tensordict: TensorDictBase) -> tuple[Tensor, Tensor]:
+        """Target vectors ``y`` and bootstrapped values, both ``[B, m]``."""
+        keys = self.tensor_keys
+        following = step_mdp(tensordict)
+        following = self._act(following, self.target_actor_network_params)
+        action = following.get(keys.action)
+        half_range = (self.max_action - self.min_action) / 2
+        noise = (torch.randn_like(action) * self.policy_noise).clamp(-self.noise_clip, self.noise_clip)
+        following.set(keys.action, (action + noise * half_range).clamp(self.min_action, self.max_action))
+        twins = self._values(following, self.target_qvalue_network_params)
+        scalar = (self._weights(following, twins.shape[-1]) * twins).sum(-1)
+        chosen = scalar.argmin(0)[None, ..., None].expand(1, *twins.shape[1:])
+        next_value = twins.gather(0, chosen).squeeze(0)
+
+        inputs = tensordict.select("next").copy()
+        inputs.set(("next", keys.state_action_value), next_value)
+        for key in (keys.done, keys.terminated):  # the stock estimator wants flags in the reward's shape
+            flag = inputs.get(("next", key))
+            inputs.set(("next", key), flag.expand_as(next_value))
+        return self.value_estimator.value_estimate(inputs), next_value
+
+    @dispatch
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Both losses and their metadata; writes the priority of every sample into ``tensordict``."""
+        loss_actor, actor_metadata = self.actor_loss(tensordict)
+        loss_qvalue, value_metadata = self.value_loss(tensordict)
+        tensordict.set(self.tensor_keys.priority, value_metadata.pop("td_error").max(0)[0])
+        return TensorDict(loss_actor=loss_actor, loss_qvalue=loss_qvalue, **actor_metadata, **value_metadata)
+
+    SUPPORTED_VALUE_ESTIMATORS = (ValueEstimators.TD0,)
+
+    def make_value_estimator(self, value_type: ValueEstimators | None = None, **hyperparams: Any) -> MORLTD3Loss:
+        """Choose the value estimator; only one-step TD is defined for vector rewards.
+
+        Raises:
+            NotImplementedError: for any estimator but TD0.
+        """
+        value_type, hyperparams = self._prepare_value_estimator_kwargs(value_type, **hyperparams)
+        if value_type is None:
+            self._forward_value_estimator_keys()
+            return self
+        if value_type not in self.SUPPORTED_VALUE_ESTIMATORS:
+            raise NotImplementedError(f"MORLTD3Loss supports TD0 targets, not {value_type}.")
+        self._value_estimator = TD0Estimator(value_network=None, **hyperparams)
+        self._forward_value_estimator_keys()
+        return self

@@ -1,0 +1,147 @@
+"""The preference interpolator: from a preference λ to the direction λ_p that its value vector should take."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import normalize
+
+from morlnav.data.preferences import simplex_grid
+
+
+class PreferenceInterpolator(nn.Module):
+    """PD-MORL's interpolator (Sec. III-B): radial basis functions through the value directions of key preferences.
+
+    Each key preference has a key value, the return vector that a policy was measured to reach under it. The directions
+    (unit vectors) of these values are interpolated with a linear kernel and a constant, as
+    ``scipy.interpolate.RBFInterpolator(kernel="linear")`` does, and the result is normalised again. Before the first
+    :meth:`update` the value of a preference is taken to be its own scalarisation weights ``[1, ..., 1, λ]``, with one
+    leading 1 per static reward.
+
+    :meth:`update` keeps the keys current. A measured value that scores higher at a key's weights than the stored one
+    replaces it, whichever preference reached it: PD-MORL's ratchet. A ratchet alone remembers one lucky evaluation for
+    ever, so a key that was measured again and not surpassed is drawn toward the best fresh value,
+    ``stored = fresh + decay * (stored - fresh)``. ``decay=1`` is PD-MORL's rule, in which keys never decay.
+
+    Values keep their signs: rewards that are costs have negative entries, and so have their directions.
+
+    Args:
+        num_objectives: objectives ``n`` that a preference weighs.
+        num_static: rewards in front whose weight is always 1 (the baseline); value vectors have ``m = num_static + n``
+            entries.
+        preferences: key preferences ``[K, n]``; by default ``simplex_grid(num_objectives, steps)``.
+        values: key values ``[K, m]``, unscaled; the interpolator is then ready at once.
+        steps: steps of the default grid.
+        decay: share of its lead that a stored value keeps when it is measured again and not surpassed, in (0, 1].
+
+    Raises:
+        ValueError: if ``preferences`` or ``values`` have the wrong shape, a key preference occurs twice, ``num_static``
+            is negative or ``decay`` is not in (0, 1].
+
+    Examples:
+        >>> interpolator = PreferenceInterpolator(2, steps=1)
+        >>> interpolator(torch.tensor([0.6, 0.8]))  # not ready: the direction of the weights (1, 0.6, 0.8)
+        tensor([0.7071, 0.4243, 0.5657])
+        >>> corners = torch.tensor([[0.0, 1.0], [1.0, 0.0]])
+        >>> interpolator.update(corners, torch.tensor([[3.0, -4.0, 0.0], [3.0, 0.0, -4.0]]))
+        tensor([True, True])
+        >>> interpolator(corners)
+        tensor([[ 0.6000, -0.8000,  0.0000],
+                [ 0.6000,  0.0000, -0.8000]])
+    """
+
+    preferences: Tensor
+    values: Tensor
+    coefficients: Tensor
+    ready: Tensor
+
+    def __init__(
+        self,
+        num_objectives: int,
+        num_static: int = 1,
+        preferences: Tensor | None = None,
+        values: Tensor | None = None,
+        steps: int = 10,
+        decay: float = 1.0,
+    ) -> None:
+        super().__init__()
+        keys = simplex_grid(num_objectives, steps) if preferences is None else preferences.detach().clone()
+        if keys.ndim != 2 or keys.shape[-1] != num_objectives:
+            raise ValueError(f"preferences must have the shape [K, {num_objectives}], got {tuple(keys.shape)}.")
+        if repeated := len(keys) - len(keys.unique(dim=0)):
+            raise ValueError(f"Each key preference must occur once, got {repeated} of {len(keys)} repeated.")
+        if num_static < 0:
+            raise ValueError(f"num_static must be at least 0, got {num_static}.")
+        if not 0 < decay <= 1:
+            raise ValueError(f"decay must be above 0 and at most 1, got {decay}.")
+        self.num_static = num_static
+        self.decay = decay
+        start = self._weights(keys) if values is None else values.detach().to(keys, copy=True)
+        if start.shape != (len(keys), num_static + num_objectives):
+            shape = (len(keys), num_static + num_objectives)
+            raise ValueError(f"values must have the shape {shape}, got {tuple(start.shape)}.")
+        self.register_buffer("preferences", keys)
+        self.register_buffer("values", start)
+        self.register_buffer("coefficients", keys.new_zeros(len(keys) + 1, start.shape[-1]))
+        self.register_buffer("ready", torch.tensor(values is not None, device=keys.device))
+        self._fit()
+
+    def forward(self, preference: Tensor) -> Tensor:
+        """Unit value directions ``[..., m]`` of the preferences ``[..., n]``."""
+        direction = self.coefficients[-1] - _distances(preference, self.preferences) @ self.coefficients[:-1]
+        return normalize(torch.where(self.ready, direction, self._weights(preference)), dim=-1)
+
+    @torch.no_grad()
+    def update(self, preferences: Tensor, values: Tensor, mask: Tensor | None = None) -> Tensor:
+        """Takes in evaluation results, and refits.
+
+        Args:
+            preferences: evaluated preferences ``[E, n]``; they need not be keys.
+            values: mean returns measured under them ``[E, m]``, unscaled. Results that are not finite are left out.
+            mask: bool ``[E]``, False for results to leave out.
+
+        Returns:
+            Bool ``[K]``: the keys whose value was replaced by a better one.
+
+        Raises:
+            ValueError: if the shapes do not match each other and the keys, or there is no result.
+        """
+        (_, n), (_, m) = self.preferences.shape, self.values.shape
+        if preferences.shape[1:] != (n,) or values.shape != (len(preferences), m) or not len(preferences):
+            shapes = f"{tuple(preferences.shape)} and {tuple(values.shape)}"
+            raise ValueError(f"preferences and values must have the shapes [E, {n}] and [E, {m}], got {shapes}.")
+        preferences, values = preferences.to(self.preferences), values.to(self.values)
+        valid = values.isfinite().all(-1) if mask is None else values.isfinite().all(-1) & mask
+        weights = self._weights(self.preferences)
+        scores = (weights @ values.nan_to_num().mT).masked_fill(~valid, -torch.inf)
+        score, best = scores.max(-1)
+        fresh = values.nan_to_num()[best]
+        measured = (_distances(self.preferences, preferences) < 1e-4) & valid
+
+        raised = ((weights * self.values).sum(-1) < score) | (~self.ready & valid.any())
+        decayed = fresh + self.decay * (self.values - fresh)
+        kept = torch.where(measured.any(-1, keepdim=True), decayed, self.values)
+        self.values.copy_(torch.where(raised.unsqueeze(-1), fresh, kept))
+        self.ready.logical_or_(valid.any())
+        self._fit()
+        return raised
+
+    def _weights(self, preference: Tensor) -> Tensor:
+        static = preference.new_ones(*preference.shape[:-1], self.num_static)
+        return torch.cat([static, preference], -1)
+
+    def _fit(self) -> None:
+        """Solves for the kernel coefficients and the constant; in double precision, which costs nothing here."""
+        keys, directions = self.preferences.double(), normalize(self.values.double(), dim=-1)
+        system = keys.new_ones(len(keys) + 1, len(keys) + 1)
+        system[:-1, :-1] = -_distances(keys, keys)
+        system[-1, -1] = 0
+        targets = torch.cat([directions, directions.new_zeros(1, directions.shape[-1])])
+        self.coefficients.copy_(torch.linalg.solve(system, targets))
+
+
+def _distances(preferences: Tensor, others: Tensor) -> Tensor:
+    """Euclidean distances ``[..., K]`` of ``[..., n]`` to ``[K, n]``, exact for close points too."""
+    rows = preferences.reshape(-1, preferences.shape[-1])
+    distances = torch.cdist(rows, others, compute_mode="donot_use_mm_for_euclid_dist")
+    return distances.reshape(*preferences.shape[:-1], len(others))

@@ -33,7 +33,8 @@ class MORLTD3Loss(LossModule):
 
     Args:
         actor_network: writes ``action`` from ``observation`` and ``preference``.
-        qvalue_network: writes ``state_action_value`` ``[..., m]``; copied ``num_qvalue_nets`` times.
+        qvalue_network: writes ``state_action_value`` ``[..., m]``. One module is copied ``num_qvalue_nets`` times with
+            weights drawn uniformly from its range; a list of modules keeps their own initial weights.
         action_spec: bounded spec of the action; or give ``bounds``.
         bounds: ``(low, high)`` of the action; exactly one of the two.
         num_qvalue_nets: number of critics.
@@ -108,7 +109,7 @@ class MORLTD3Loss(LossModule):
     def __init__(
         self,
         actor_network: TensorDictModule,
-        qvalue_network: TensorDictModule,
+        qvalue_network: TensorDictModule | list[TensorDictModule],
         *,
         action_spec: TensorSpec | None = None,
         bounds: tuple[Tensor | float, Tensor | float] | None = None,

@@ -8,7 +8,8 @@ from typing import Any
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import optim
-from torchrl.objectives import TargetNetUpdater
+from torchrl.data import PrioritizedSampler
+from torchrl.objectives.utils import TargetNetUpdater
 from torchrl.trainers.algorithms.td3 import TD3OptimizationStepper
 from torchrl.trainers.trainers import Trainer
 
@@ -23,8 +24,9 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         optimizer_critic: optimizer of all critics.
         target_net_updater: moves the target networks.
         policy_update_delay: the actor is updated every this many steps.
+        actor: the actor's own module, which shares its parameters with the loss.
         average: an :class:`torch.optim.swa_utils.AveragedModel` of the actor, updated with it.
-        schedulers: learning-rate schedulers, stepped once per optimisation step.
+        schedulers: learning-rate schedulers of the actor and of the critics, each stepped with its optimizer.
 
     Examples:
         >>> stepper = MORLTD3Stepper(actor_optim, critic_optim, SoftUpdate(loss, tau=0.005))  # doctest: +SKIP
@@ -38,41 +40,59 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         target_net_updater: TargetNetUpdater,
         *,
         policy_update_delay: int = 2,
+        actor: torch.nn.Module | None = None,
         average: optim.swa_utils.AveragedModel | None = None,
         schedulers: Sequence[optim.lr_scheduler.LRScheduler] = (),
     ) -> None:
         super().__init__(optimizer_actor, optimizer_critic, policy_update_delay=policy_update_delay)
         self.target_net_updater = target_net_updater
+        self.actor = actor
         self.average = average
         self.schedulers = list(schedulers)
+        self._actor_metrics: dict[str, torch.Tensor] = {
+            key: torch.zeros(()) for key in ("loss_actor", "grad_norm_actor", "angle_actor")
+        }
+
+    def state_dict(self) -> dict[str, Any]:
+        """Optimizers, learning-rate schedulers and the update counter."""
+        return super().state_dict() | {"schedulers": [scheduler.last_epoch for scheduler in self.schedulers]}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Restore what :meth:`state_dict` gave."""
+        super().load_state_dict(state_dict)
+        for scheduler, epoch in zip(self.schedulers, state_dict["schedulers"], strict=True):
+            scheduler.last_epoch = int(epoch)
 
     def step(self, trainer: Trainer, sub_batch: TensorDictBase) -> TensorDictBase:
         """Update on ``sub_batch``; returns losses, gradient norms, angles and mean values per objective."""
         self._update_counter += 1
         loss, critic = trainer.compute_loss(sub_batch, method="value_loss")
         metrics = {"loss_qvalue": loss.detach(), "grad_norm_qvalue": self._apply(trainer, loss, self.optimizer_critic)}
-        metrics["pred_value"] = critic["pred_value"].mean((0, 1))
+        self._step_scheduler(1)
+        metrics["pred_value"] = critic["pred_value"].flatten(0, -2).mean(0)
         if "angle_qvalue" in critic:
             metrics["angle_qvalue"] = critic["angle_qvalue"].mean()
-
-        actor_turn = self._update_counter % self.policy_update_delay == 0
-        if actor_turn:
-            loss, actor = trainer.compute_loss(sub_batch, method="actor_loss")
-            metrics["grad_norm_actor"] = self._apply(trainer, loss, self.optimizer_actor)
-            metrics["loss_actor"] = loss.detach()
-            if "angle_actor" in actor:
-                metrics["angle_actor"] = actor["angle_actor"].mean()
-            self.target_net_updater.step()
-            if self.average is not None:
-                self.average.update_parameters(trainer.loss_module.actor_network)
-        for scheduler in self.schedulers:
-            scheduler.step()
-
-        if hasattr(trainer.replay_buffer, "update_tensordict_priority"):
+        if self._update_counter % self.policy_update_delay == 0:
+            self._actor_metrics = self._update_actor(trainer, sub_batch)
+        if isinstance(trainer.replay_buffer.sampler, PrioritizedSampler):
             sub_batch.set(trainer.loss_module.tensor_keys.priority, critic["td_error"].max(0)[0])
             trainer.replay_buffer.update_tensordict_priority(sub_batch)
-        self.last_metrics = TensorDict(metrics) if actor_turn else self.last_metrics.update(TensorDict(metrics))
-        return self.last_metrics.clone()
+        return TensorDict(metrics | self._actor_metrics)
+
+    def _update_actor(self, trainer: Trainer, sub_batch: TensorDictBase) -> dict[str, torch.Tensor]:
+        loss, actor = trainer.compute_loss(sub_batch, method="actor_loss")
+        metrics = {"loss_actor": loss.detach(), "grad_norm_actor": self._apply(trainer, loss, self.optimizer_actor)}
+        if "angle_actor" in actor:
+            metrics["angle_actor"] = actor["angle_actor"].mean()
+        self._step_scheduler(0)
+        self.target_net_updater.step()
+        if self.average is not None:
+            self.average.update_parameters(self.actor)
+        return metrics
+
+    def _step_scheduler(self, which: int) -> None:
+        if self.schedulers:
+            self.schedulers[which].step()
 
     def _apply(self, trainer: Trainer, loss: torch.Tensor, optimizer: optim.Optimizer) -> torch.Tensor:
         loss.backward()

@@ -1,0 +1,68 @@
+"""``morlnav-evaluate RUN_DIR``: measure a trained policy over all preferences on scenes it never saw."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from morlnav.cli import one_sentence_errors
+from morlnav.data import preference_edges
+from morlnav.evaluation import evaluate_policy, evaluation_scenes, write_report
+from morlnav.policy import load, load_config
+from morlnav.trainers import make_base_env
+
+
+def evaluate_run(directory: Path, output: Path | None = None, trust: bool = False, **changes: int) -> str:
+    """Evaluate the policy in a run directory and write tables and figures to ``output``.
+
+    Args:
+        directory: a run directory.
+        output: where results go; ``directory/evaluation`` by default.
+        trust: build classes from outside the package that the run's config names.
+        changes: replace values of the config's ``evaluation`` group, such as ``episodes=20``.
+
+    Returns:
+        The readable table.
+    """
+    policy = load(directory, trust=trust)
+    cfg: DictConfig = load_config(directory)
+    cfg.evaluation = OmegaConf.merge(cfg.evaluation, changes)
+    env = make_base_env(cfg, num_envs=1)
+    rollouts = evaluate_policy(
+        policy,
+        evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes),
+        preference_edges(len(env.objectives), cfg.evaluation.steps),
+        world=env.world,
+        objectives=env.rewards,
+        observe_human=env.observe_human,
+        max_steps=cfg.env.max_steps,
+    )
+    output = output or directory / "evaluation"
+    table = write_report(rollouts, output, rewards=tuple(env.rewards), world=env.world)
+    print(table)
+    print(f"Tables and figures are in {output}")
+    return table
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog="morlnav-evaluate", description=__doc__.split(": ", 1)[1])
+    parser.add_argument("run", type=Path, metavar="RUN_DIR", help="a run directory of morlnav-train")
+    parser.add_argument("--episodes", type=int, help="scenes per preference (default: the run's config)")
+    parser.add_argument("--steps", type=int, help="steps of every pairwise interpolation of preferences")
+    parser.add_argument("--seed", type=int, help="seed of the evaluation scenes")
+    parser.add_argument("--output", type=Path, help="where results go (default: RUN_DIR/evaluation)")
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
+    parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
+    args = parser.parse_args()
+    torch.set_num_threads(args.threads)
+    changes = {name: getattr(args, name) for name in ("episodes", "steps", "seed") if getattr(args, name) is not None}
+    with one_sentence_errors():
+        evaluate_run(args.run, args.output, args.trust, **changes)
+
+
+if __name__ == "__main__":
+    main()

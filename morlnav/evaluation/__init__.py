@@ -1,0 +1,30 @@
+"""Evaluation: roll-outs over all preferences, social metrics, preference fidelity and the quality of the front."""
+
+from morlnav.evaluation.metrics import episode_metrics, frechet_distance
+from morlnav.evaluation.pareto import expected_utility, hypervolume, pareto_mask, utility
+from morlnav.evaluation.paths import shortest_path, shortest_polylines
+from morlnav.evaluation.report import default_reference, front_table, write_report
+from morlnav.evaluation.rollout import Outcome, Rollouts, evaluate_policy, evaluation_scenes
+from morlnav.evaluation.statistics import compare_extremes, fidelity, overall, summarise
+
+__all__ = [
+    "Outcome",
+    "Rollouts",
+    "compare_extremes",
+    "default_reference",
+    "episode_metrics",
+    "evaluate_policy",
+    "evaluation_scenes",
+    "expected_utility",
+    "fidelity",
+    "frechet_distance",
+    "front_table",
+    "hypervolume",
+    "overall",
+    "pareto_mask",
+    "shortest_path",
+    "shortest_polylines",
+    "summarise",
+    "utility",
+    "write_report",
+]

@@ -1,0 +1,135 @@
+"""Navigation metrics of single episodes (Sec. IV-C, and those of the social navigation field)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+import shapely
+import torch
+from torch import Tensor
+
+from morlnav.evaluation.paths import shortest_path
+from morlnav.evaluation.rollout import Outcome, Rollouts
+from morlnav.world import TensorWorld, World
+from morlnav.world.geometry import wrap_angle
+
+
+def episode_metrics(
+    rollouts: Rollouts,
+    rewards: Sequence[str] = ("baseline", "distance", "efficiency"),
+    *,
+    world: World | None = None,
+    references: Sequence[Tensor] | None = None,
+    shortest: Tensor | None = None,
+    personal_space: float = 1.2,
+    stalled_speed: float = 0.05,
+) -> pd.DataFrame:
+    """One row per preference and scene, in that order, with these columns:
+
+    =============================  ================================================================================
+    ``preference``, ``scene``      indices of λ and of the scene
+    ``lambda_<name>``              entries of λ
+    ``success``, ``collision_human``, ``collision_box``, ``timeout``  how the episode ended, ``bool``
+    ``min_human_distance``         least distance between the centres of robot and human, m
+    ``min_obstacle_distance``      least lidar reading (the lidar sees the human too), m
+    ``navigation_time``            control steps times their duration, s
+    ``path_length``                length of the driven arcs, m
+    ``shortest_path``              length of the shortest collision-free path in the scene, m
+    ``spl``                        success weighted by path length, shortest / max(driven, shortest)
+    ``time_ratio``                 navigation time over the shortest path's time at full speed
+    ``mean_jerk``                  mean absolute second difference of the commanded speed, m/s³; NaN below 3 steps
+    ``stalled_time``               time with a commanded speed below ``stalled_speed``, s
+    ``personal_space``             share of steps that end further than ``personal_space`` from the human's centre
+    ``return_<name>``              undiscounted sum of the objective's rewards
+    ``frechet``                    discrete Fréchet distance to the scene's reference path, m; only with references
+    =============================  ================================================================================
+
+    Args:
+        rollouts: batched ``[P, S]``.
+        rewards: names of all entries of the reward, static ones first.
+        world: where the rollouts were made; its radii, step time and top speed are used.
+        references: one path ``[L, 2]`` in metres per scene, such as the oracle's, with steps about as long as the
+            robot's: the discrete distance compares vertices.
+        shortest: lengths ``[S]`` of the shortest paths if they are known, so that they need not be searched again.
+        personal_space: in metres.
+        stalled_speed: in m/s.
+
+    Raises:
+        ValueError: if the number of names, references or lengths does not fit the rollouts.
+
+    Examples:
+        >>> from morlnav.evaluation import evaluate_policy, evaluation_scenes
+        >>> straight = lambda observation, preference: torch.tensor([0.5, 0.0]).expand(len(observation), 2)
+        >>> rollouts = evaluate_policy(straight, evaluation_scenes(3), torch.eye(2), max_steps=5)
+        >>> episode_metrics(rollouts)["navigation_time"].tolist()
+        [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
+    """
+    world = world or TensorWorld()
+    rollouts = rollouts.cpu()
+    preferences, scenes = rollouts.batch_size
+    num_terms, num_tuneable = rollouts.reward.shape[-1], rollouts.preference.shape[-1]
+    if len(rewards) != num_terms:
+        raise ValueError(f"The rewards have {num_terms} entries, but {len(rewards)} are named.")
+    if references is not None and len(references) != scenes:
+        raise ValueError(f"Need one reference path for each of the {scenes} scenes, got {len(references)}.")
+    if shortest is None:
+        shortest = shortest_path(rollouts.scene[0], world.robot.radius, world.human_radius, world.goal_radius)
+    elif shortest.shape != (scenes,):
+        raise ValueError(f"Need one shortest path for each of the {scenes} scenes, got {list(shortest.shape)}.")
+
+    steps, outcome = rollouts.steps, rollouts.outcome
+    driven = torch.arange(rollouts.action.shape[-2]) < steps.unsqueeze(-1)
+    human_distance = (rollouts.pose[..., :2] - rollouts.scene.human.unsqueeze(-2)).norm(dim=-1)
+    speed = rollouts.action[..., 0]
+    time, length, least = steps * world.step_time, path_length(rollouts.pose), shortest.cpu().expand(preferences, -1)
+    columns = {
+        "preference": torch.arange(preferences).unsqueeze(1).expand(-1, scenes),
+        "scene": torch.arange(scenes).expand(preferences, -1),
+        **{f"lambda_{name}": rollouts.preference[..., i] for i, name in enumerate(rewards[num_terms - num_tuneable :])},
+        "success": outcome == Outcome.GOAL,
+        "collision_human": outcome == Outcome.HUMAN,
+        "collision_box": outcome == Outcome.BOX,
+        "timeout": outcome == Outcome.TIMEOUT,
+        "min_human_distance": human_distance.amin(-1),
+        "min_obstacle_distance": rollouts.clearance.amin(-1),
+        "navigation_time": time,
+        "path_length": length,
+        "shortest_path": least,
+        "spl": torch.where(outcome == Outcome.GOAL, least / torch.maximum(least, length), 0.0),
+        "time_ratio": time * world.robot.max_speed / least,
+        "mean_jerk": (speed.diff(n=2).abs() * driven[..., 2:]).sum(-1) / (steps - 2).clamp_min(0) / world.step_time**2,
+        "stalled_time": ((speed < stalled_speed) & driven).sum(-1) * world.step_time,
+        "personal_space": ((human_distance[..., 1:] > personal_space) & driven).sum(-1) / steps,
+        **{f"return_{name}": rollouts.reward[..., i].sum(-1) for i, name in enumerate(rewards)},
+    }
+    if references is not None:
+        columns["frechet"] = torch.stack([frechet_distance(paths, references) for paths in rollouts.path])
+    return pd.DataFrame({name: _tidy(value) for name, value in columns.items()})
+
+
+def _tidy(value: Tensor) -> np.ndarray:
+    # λ like 0.30000001 and times like 17.399999 are noise of the number format.
+    return (value.double().round(decimals=6) if value.is_floating_point() else value).flatten().numpy()
+
+
+def path_length(pose: Tensor) -> Tensor:
+    """Length in metres of the arcs between consecutive poses ``[..., T + 1, 3]``, summed to ``[...]``.
+
+    >>> path_length(torch.tensor([[0.0, 0.0, 0.0], [1.0, 1.0, torch.pi / 2]]))
+    tensor(1.5708)
+    """
+    chord = pose[..., :2].diff(dim=-2).norm(dim=-1)
+    turn = wrap_angle(pose[..., 2].diff(dim=-1))
+    return (chord / torch.sinc(turn / (2 * torch.pi))).sum(-1)
+
+
+def frechet_distance(paths: Sequence[Tensor], references: Sequence[Tensor]) -> Tensor:
+    """Discrete Fréchet distances in metres between paths ``[L, 2]``, pair by pair, ``[S]``.
+
+    >>> frechet_distance([torch.tensor([[0.0, 0.0], [4.0, 0.0]])], [torch.tensor([[0.0, 1.0], [4.0, 3.0]])])
+    tensor([3.], dtype=torch.float64)
+    """
+    lines = [np.array([shapely.linestrings(line.double().cpu().numpy()) for line in x]) for x in (paths, references)]
+    return torch.from_numpy(np.atleast_1d(shapely.frechet_distance(*lines)))

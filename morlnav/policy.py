@@ -1,0 +1,108 @@
+"""Trained policies: saving and loading them without pickled code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor, nn
+
+from morlnav.trainers.experiment import make_base_env, make_networks
+
+POLICY_FILE = "policy.pt"
+CONFIG_FILE = "config.yaml"
+
+
+class Policy(nn.Module):
+    """A trained actor: ``policy(observation[..., 34], preference[..., n]) -> action[..., 2]`` in SI units.
+
+    Args:
+        actor: the network.
+        objectives: names of the preference's entries, in order.
+    """
+
+    def __init__(self, actor: nn.Module, objectives: tuple[str, ...]) -> None:
+        super().__init__()
+        self.actor = actor
+        self.objectives = tuple(objectives)
+
+    def forward(self, observation: Tensor, preference: Tensor) -> Tensor:
+        """Actions ``(v, ω)`` in m/s and rad/s for raw observations; the preference broadcasts over them.
+
+        Raises:
+            ValueError: if the preference has not one entry per objective.
+        """
+        if preference.shape[-1] != len(self.objectives):
+            raise ValueError(f"A preference needs {len(self.objectives)} entries {self.objectives}.")
+        return self.actor(observation, preference.expand(*observation.shape[:-1], -1))
+
+
+def save(actor: nn.Module, directory: str | Path) -> None:
+    """Write the actor's weights into a run directory."""
+    torch.save(actor.state_dict(), Path(directory) / POLICY_FILE)
+
+
+def load_config(directory: str | Path) -> DictConfig:
+    """The config of a run.
+
+    Raises:
+        FileNotFoundError: if the directory holds no run.
+    """
+    path = Path(directory) / CONFIG_FILE
+    if not path.is_file():
+        raise FileNotFoundError(f"{directory} is not a run directory: it holds no {CONFIG_FILE}.")
+    return OmegaConf.load(path)
+
+
+def load(directory: str | Path, trust: bool = False) -> Policy:
+    """Load the policy of a run directory.
+
+    Args:
+        directory: where a run wrote its ``config.yaml`` and ``policy.pt``.
+        trust: also build classes from outside ``morlnav`` and ``torch`` that the config names. Only for runs of your
+            own: building a class runs its code.
+
+    Returns:
+        The averaged actor in evaluation mode.
+
+    Raises:
+        FileNotFoundError: if the run or its policy is missing.
+        ValueError: if the config names foreign classes and is not trusted.
+
+    Examples:
+        >>> policy = load("results/default")  # doctest: +SKIP
+        >>> policy.objectives  # doctest: +SKIP
+        ('distance', 'efficiency')
+    """
+    cfg = load_config(directory)
+    if not trust:
+        check_targets(cfg)
+    path = Path(directory) / POLICY_FILE
+    if not path.is_file():
+        raise FileNotFoundError(f"{directory} holds no {POLICY_FILE}: the run has not finished; continue it first.")
+    env = make_base_env(cfg, num_envs=1)
+    actor, _ = make_networks(cfg, env)
+    actor.load_state_dict(torch.load(path, weights_only=True, map_location=cfg.device))
+    return Policy(actor, env.objectives).eval().requires_grad_(False)
+
+
+def check_targets(node: DictConfig) -> None:
+    """Refuse a config that would build classes from outside this package.
+
+    Raises:
+        ValueError: naming the foreign class.
+    """
+    for key, value in OmegaConf.to_container(node, resolve=False).items():
+        _check(key, value)
+
+
+def _check(key: str, value: object) -> None:
+    if isinstance(value, dict):
+        for name, child in value.items():
+            _check(name, child)
+    elif isinstance(value, list):
+        for child in value:
+            _check(key, child)
+    elif key == "_target_" and not str(value).startswith(("morlnav.", "torch.optim.")):
+        raise ValueError(f"This run uses the foreign class {value}; if it is your own, load it with trust=True.")

@@ -1,0 +1,108 @@
+"""``morlnav-train``: train a policy, evaluate it, and draw what it learned."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import hydra
+import torch
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from morlnav import policy as policies
+from morlnav.cli import conf_dir, one_sentence_errors
+from morlnav.evaluate import evaluate_run
+from morlnav.record.loggers import TensorboardCSVLogger
+from morlnav.trainers import make_trainer
+
+
+def run(cfg: DictConfig, directory: Path) -> str | None:
+    """Train as ``cfg`` says and leave everything in ``directory``; returns the table, or ``None`` if interrupted."""
+    torch.set_num_threads(cfg.threads)
+    torch.manual_seed(cfg.seed)
+    directory.mkdir(parents=True, exist_ok=True)
+    OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
+    (directory / "versions.json").write_text(json.dumps(_versions(), indent=2))
+    trainer = make_trainer(cfg, directory, TensorboardCSVLogger("logs", directory))
+    if cfg.resume is not None:
+        checkpoint = _checkpoint_of(Path(cfg.resume))
+        trainer.load_from_file(checkpoint)
+        print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
+
+    interrupted = False
+
+    def stop(*_: object) -> None:
+        nonlocal interrupted
+        if interrupted:  # a second signal does not wait
+            sys.exit(130)
+        interrupted = True
+        trainer.request_stop("interrupted")
+
+    handlers = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    start = time.perf_counter()
+    try:
+        if trainer.collected_frames < trainer.total_frames:
+            trainer.train()
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    if interrupted and trainer.collected_frames < trainer.total_frames:
+        print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={directory}")
+        return None
+    policies.save(trainer.checkpoint.components["average"].module, directory)
+    print(f"\nTrained for {(time.perf_counter() - start) / 60:.1f} minutes.")
+    table = evaluate_run(directory, trust=True)
+    print(f"Everything is in {directory}")
+    return table
+
+
+def _checkpoint_of(path: Path) -> Path:
+    from torchrl.checkpoint import Checkpoint, CheckpointRotation
+
+    if Checkpoint.is_checkpoint(path):
+        return path
+    latest = CheckpointRotation(path / "checkpoints", keep_last=1).latest() if path.is_dir() else None
+    if latest is None:
+        raise FileNotFoundError(f"resume={path}: no checkpoint there; give a run directory that holds checkpoints/.")
+    return latest
+
+
+def _versions() -> dict[str, str]:
+    names = ("morlnav", "torch", "torchrl", "tensordict", "gymnasium", "hydra-core", "pymunk", "numpy", "scipy")
+    versions = {name: version(name) for name in names} | {"python": sys.version.split()[0]}
+    git = ["git", "-C", str(Path(__file__).parent)]
+    commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
+    if commit.returncode == 0:
+        dirty = subprocess.run([*git, "status", "--porcelain"], capture_output=True, text=True, check=False)
+        versions["git"] = commit.stdout.strip() + ("-dirty" if dirty.stdout.strip() else "")
+    return versions
+
+
+@hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
+def _main(cfg: DictConfig) -> None:
+    with one_sentence_errors():
+        run(cfg, Path(HydraConfig.get().runtime.output_dir))
+
+
+def main() -> None:
+    """Entry point; ``resume=DIR`` continues in the directory it names, with the overrides the run began with."""
+    resume = [word.split("=", 1)[1] for word in sys.argv[1:] if word.startswith("resume=")]
+    if resume:
+        directory = Path(resume[-1])
+        directory = directory.parent.parent if directory.parent.name == "checkpoints" else directory
+        overrides = directory / ".hydra" / "overrides.yaml"
+        if not overrides.is_file():
+            sys.exit(f"resume={resume[-1]}: no run of morlnav-train there.")
+        before = [word for word in OmegaConf.load(overrides) if not word.startswith("resume=")]
+        sys.argv[1:] = [*before, *sys.argv[1:], f"hydra.run.dir={directory}"]
+    _main()
+
+
+if __name__ == "__main__":
+    main()

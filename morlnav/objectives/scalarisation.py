@@ -32,6 +32,8 @@ class LinearScalarisation(nn.Module):
         """
         static = num_objectives - preference.shape[-1]
         if static < 0:
-            raise ValueError(f"A preference of {preference.shape[-1]} entries cannot weigh {num_objectives} objectives.")
+            raise ValueError(
+                f"A preference of {preference.shape[-1]} entries cannot weigh {num_objectives} objectives."
+            )
         ones = preference.new_ones(*preference.shape[:-1], static)
         return torch.cat([ones, preference + self.tie_break], -1)

@@ -80,9 +80,7 @@ class EvaluatePolicy(TrainerHookBase):
             label = "_".join(f"{weight:.2f}" for weight in row)
             metrics[f"min_human_distance/{label}"] = human[i].item()
             metrics[f"navigation_time/{label}"] = seconds[i].item()
-            metrics |= {
-                f"key_{name}/{label}": v for name, v in zip(self.env.rewards, values[i].tolist(), strict=True)
-            }
+            metrics |= {f"key_{name}/{label}": v for name, v in zip(self.env.rewards, values[i].tolist(), strict=True)}
         return metrics
 
     def register(self, trainer: Trainer, name: str = "evaluate_policy") -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import torch
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from tensordict.nn import TensorDictModule, TensorDictSequential
@@ -30,7 +29,6 @@ from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation,
 from morlnav.trainers.resume import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 from morlnav.transforms import DrawPreference
-
 
 
 def build(node: DictConfig, **objects: Any) -> Any:
@@ -86,7 +84,6 @@ def make_networks(cfg: DictConfig, env: NavigationEnv) -> tuple[nn.Module, list[
         for _ in range(cfg.loss.num_qvalue_nets)
     ]
     return actor.to(env.device), [critic.to(env.device) for critic in critics]
-
 
 
 def make_loss(cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: list[nn.Module]) -> MORLTD3Loss:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +17,13 @@ def conf_dir() -> str:
     """The folder of configs: inside the installed package, or beside it in a checkout."""
     inside = Path(__file__).parent / "conf"
     return str(inside if inside.is_dir() else Path(__file__).parents[1] / "conf")
+
+
+def quiet() -> None:
+    """Keep the libraries' notes to developers off a user's screen."""
+    logging.getLogger("torchrl").setLevel(logging.WARNING)
+    warnings.filterwarnings("ignore", category=FutureWarning, module="torchrl")
+    warnings.filterwarnings("ignore", message=".*init_random_frames.*")
 
 
 @contextmanager

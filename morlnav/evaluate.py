@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 from omegaconf import DictConfig, OmegaConf
 
-from morlnav.cli import one_sentence_errors
+from morlnav.cli import one_sentence_errors, quiet
 from morlnav.data import preference_edges
 from morlnav.evaluation import evaluate_policy, evaluation_scenes, write_report
 from morlnav.policy import load, load_config
@@ -49,6 +49,7 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
 
 def main() -> None:
     """Entry point."""
+    quiet()
     parser = argparse.ArgumentParser(prog="morlnav-evaluate", description=__doc__.split(": ", 1)[1])
     parser.add_argument("run", type=Path, metavar="RUN_DIR", help="a run directory of morlnav-train")
     parser.add_argument("--episodes", type=int, help="scenes per preference (default: the run's config)")

@@ -16,7 +16,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from morlnav import policy as policies
-from morlnav.cli import conf_dir, one_sentence_errors
+from morlnav.cli import conf_dir, one_sentence_errors, quiet
 from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
@@ -34,6 +34,9 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
         checkpoint = _checkpoint_of(Path(cfg.resume))
         trainer.load_from_file(checkpoint)
         print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
+
+        if cfg.trainer.progress_bar:
+            trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
 
     interrupted = False
 
@@ -92,6 +95,7 @@ def _main(cfg: DictConfig) -> None:
 
 def main() -> None:
     """Entry point; ``resume=DIR`` continues in the directory it names, with the overrides the run began with."""
+    quiet()
     resume = [word.split("=", 1)[1] for word in sys.argv[1:] if word.startswith("resume=")]
     if resume:
         directory = Path(resume[-1])

@@ -1,0 +1,161 @@
+"""Logs and evaluations of one run or of a sweep as tidy tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TypeAlias
+
+import pandas as pd
+from omegaconf import OmegaConf
+
+from morlnav.policy import CONFIG_FILE, load_config
+
+Runs: TypeAlias = "str | Path | Iterable[str | Path]"
+"""A run directory, a sweep's directory with run directories in it, or several run directories."""
+
+
+def load_run(directory: str | Path) -> pd.DataFrame:
+    """The scalars that a run has logged so far; it need not have finished.
+
+    Args:
+        directory: a run directory.
+
+    Returns:
+        Columns ``run`` (its name), ``metric`` (such as ``train/success``), ``step`` (frames) and ``value``, sorted. A
+        resumed run repeats the steps after its checkpoint; the last value counts.
+
+    Raises:
+        FileNotFoundError: if the directory is not a run's, or holds no logs.
+
+    Examples:
+        >>> import tempfile
+        >>> from morlnav.record.loggers import TensorboardCSVLogger
+        >>> directory = Path(tempfile.mkdtemp(), "first")
+        >>> TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.5, step=10)
+        >>> OmegaConf.save({"seed": 0}, directory / "config.yaml")
+        >>> load_run(directory)
+             run         metric  step  value
+        0  first  train/success    10    0.5
+    """
+    return load_sweep([directory])
+
+
+def load_sweep(source: Runs) -> pd.DataFrame:
+    """The scalars of several runs, with the settings in which they differ.
+
+    Args:
+        source: a sweep's directory, or run directories; runs that have logged nothing are left out.
+
+    Returns:
+        As for :func:`load_run`, with one more column per config value that is not the same in all runs, by its dotted
+        name, such as ``seed`` or ``loss.gamma``.
+
+    Raises:
+        FileNotFoundError: if there are no runs, or none of them has logs.
+        ValueError: if the sequence of directories is empty.
+
+    Examples:
+        >>> logs = load_sweep("multirun/2025-01-01/12-00-00")  # doctest: +SKIP
+        >>> success = logs[logs["metric"] == "train/success"]  # doctest: +SKIP
+        >>> success.groupby(["loss.gamma", "step"])["value"].mean()  # doctest: +SKIP
+    """
+    runs = _find_runs(source)
+    tables = {name: _scalars(path) for name, path in runs.items()}
+    return _join(runs, tables, "logged scalars; wait for the first lines in logs/scalars")
+
+
+def load_episodes(source: Runs) -> pd.DataFrame:
+    """Every evaluated episode: ``run``, differing settings, and the columns of ``episodes.csv``.
+
+    Args:
+        source: as for :func:`load_sweep`; runs without an evaluation are left out.
+
+    Raises:
+        FileNotFoundError: if there are no runs, or none of them is evaluated.
+        ValueError: if the sequence of directories is empty.
+
+    Examples:
+        >>> load_episodes("results/seeds").groupby("seed")["success"].mean()  # doctest: +SKIP
+    """
+    return _load_evaluation(source, "episodes")
+
+
+def load_summaries(source: Runs) -> pd.DataFrame:
+    """Means and confidence bounds per preference: ``run``, differing settings, and the columns of ``summary.csv``.
+
+    Arguments and errors are those of :func:`load_episodes`.
+
+    Examples:
+        >>> load_summaries("results/default")[["lambda_distance", "SR"]]  # doctest: +SKIP
+    """
+    return _load_evaluation(source, "summary")
+
+
+def load_fronts(source: Runs) -> pd.DataFrame:
+    """Mean return vector per preference: ``run``, differing settings, and the columns of ``front.csv``.
+
+    Arguments and errors are those of :func:`load_episodes`.
+
+    Examples:
+        >>> load_fronts("results/seeds").groupby("seed")["hypervolume"].first()  # doctest: +SKIP
+    """
+    return _load_evaluation(source, "front")
+
+
+def _load_evaluation(source: Runs, name: str) -> pd.DataFrame:
+    runs = _find_runs(source)
+    files = {run: path / "evaluation" / f"{name}.csv" for run, path in runs.items()}
+    tables = {run: pd.read_csv(file) for run, file in files.items() if file.is_file()}
+    return _join(runs, tables, f"an evaluation/{name}.csv; finish the training or use morlnav-evaluate")
+
+
+def _find_runs(source: Runs) -> dict[str, Path]:
+    """Run directories by their names below the closest folder that holds them all."""
+    if isinstance(source, (str, Path)):
+        root = Path(source)
+        runs = (
+            [root] if (root / CONFIG_FILE).is_file() else sorted(path.parent for path in root.glob(f"*/{CONFIG_FILE}"))
+        )
+        if not runs:
+            raise FileNotFoundError(f"{root} holds no runs: neither it nor a folder in it has a {CONFIG_FILE}.")
+    else:
+        runs = list(source)
+        if not runs:
+            raise ValueError("No run directories were given.")
+    paths = [Path(os.path.abspath(run)) for run in runs]
+    root = Path(os.path.commonpath([path.parent for path in paths]))
+    return {path.relative_to(root).as_posix(): path for path in paths}
+
+
+def _scalars(run: Path) -> pd.DataFrame:
+    folder = run / "logs" / "scalars"
+    tables = {
+        path.relative_to(folder).with_suffix("").as_posix(): pd.read_csv(path, names=["step", "value"])
+        for path in folder.rglob("*.csv")
+        if path.stat().st_size
+    }
+    if not tables:
+        return pd.DataFrame()
+    logs = pd.concat(tables, names=["metric"]).reset_index("metric")
+    return logs.drop_duplicates(["metric", "step"], keep="last").sort_values(["metric", "step"])
+
+
+def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -> pd.DataFrame:
+    """Stack the tables of the runs beside the settings in which the runs differ."""
+    settings = _differences(runs)
+    tables = {name: table for name, table in tables.items() if len(table)}
+    if not tables:
+        raise FileNotFoundError(f"None of the runs {', '.join(runs)} has {wanted}.")
+    stacked = pd.concat(tables, names=["run"]).reset_index("run")
+    return settings.merge(stacked, on="run")
+
+
+def _differences(runs: dict[str, Path]) -> pd.DataFrame:
+    configs = pd.json_normalize([OmegaConf.to_container(load_config(path)) for path in runs.values()])
+    configs = configs.drop(columns="resume", errors="ignore")  # where a run went on is no setting
+    configs = configs.map(lambda value: str(value) if isinstance(value, (list, dict)) else value)
+    different = configs.loc[:, configs.nunique(dropna=False) > 1]
+    different.insert(0, "run", list(runs))
+    return different

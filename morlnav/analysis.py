@@ -115,9 +115,8 @@ def _find_runs(source: Runs) -> dict[str, Path]:
     """Run directories by their names below the closest folder that holds them all."""
     if isinstance(source, (str, Path)):
         root = Path(source)
-        runs = (
-            [root] if (root / CONFIG_FILE).is_file() else sorted(path.parent for path in root.glob(f"*/{CONFIG_FILE}"))
-        )
+        configs = [root / CONFIG_FILE] if (root / CONFIG_FILE).is_file() else sorted(root.glob(f"*/{CONFIG_FILE}"))
+        runs = [config.parent for config in configs]
         if not runs:
             raise FileNotFoundError(f"{root} holds no runs: neither it nor a folder in it has a {CONFIG_FILE}.")
     else:

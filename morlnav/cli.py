@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import logging
+import re
 import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hydra.errors import HydraException, InstantiationException
+from hydra import compose, initialize_config_dir
+from hydra.errors import ConfigCompositionException, HydraException, InstantiationException, MissingConfigException
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 
@@ -32,6 +35,26 @@ def one_sentence_errors() -> Iterator[None]:
     try:
         yield
     except InstantiationException as error:
-        sys.exit(str(error.__cause__ or error).splitlines()[0])
+        sys.exit(_first_line(error.__cause__ or error))
+    except MissingConfigException as error:
+        sys.exit(f"There is no {error.missing_cfg_file}; choose from: {', '.join(error.options or ['nothing'])}.")
+    except ConfigCompositionException as error:
+        key = re.search(r"Could not override '(.+?)'", str(error))
+        sys.exit(_unknown_key(key[1]) if key else _first_line(error))
     except (ValueError, FileNotFoundError, OmegaConfBaseException, HydraException) as error:
-        sys.exit(str(error).splitlines()[0])
+        sys.exit(_first_line(error))
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
+
+
+def _unknown_key(key: str) -> str:
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        cfg = compose("train")
+    parent, _, name = key.rpartition(".")
+    node = OmegaConf.select(cfg, parent, throw_on_missing=False) if parent else cfg
+    if not OmegaConf.is_dict(node):
+        return f"There is no {key} in the config, for there is no {parent} that could hold it."
+    where = f"in {parent}" if parent else "in the config"
+    return f"There is no {name} {where}; choose from: {', '.join(map(str, node))} (or add it as +{key}=VALUE)."

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import torch
+from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 
@@ -104,5 +105,22 @@ def _check(key: str, value: object) -> None:
     elif isinstance(value, list):
         for child in value:
             _check(key, child)
-    elif key == "_target_" and not str(value).startswith(("morlnav.", "torch.optim.")):
+    elif key == "_target_" and not _is_ours(str(value)):
         raise ValueError(f"This run uses the foreign class {value}; if it is your own, load it with trust=True.")
+    elif isinstance(value, str) and "${" in value:  # runs are saved resolved, and a resolver could make up a class
+        raise ValueError(f"The config of a run holds no interpolation, but {key} is {value}; load it with trust=True.")
+
+
+def _is_ours(path: str) -> bool:
+    """Whether ``path`` names a class that is defined in this package or among PyTorch's optimizers.
+
+    The path alone does not tell: ``morlnav.policy.Path`` begins well and ends elsewhere.
+    """
+    homes = ("morlnav.", "torch.optim.")
+    if not path.startswith(homes):
+        return False
+    try:
+        target = get_object(path)
+    except (ImportError, AttributeError, ValueError):
+        return False
+    return isinstance(target, type) and f"{target.__module__}.".startswith(homes)

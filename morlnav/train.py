@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from morlnav.trainers import make_trainer
 
 def run(cfg: DictConfig, directory: Path) -> str | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the table, or ``None`` if interrupted."""
+    _check_device(cfg.device)
     torch.set_num_threads(cfg.threads)
     torch.manual_seed(cfg.seed)
     directory.mkdir(parents=True, exist_ok=True)
@@ -65,6 +67,13 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     return table
 
 
+def _check_device(device: str) -> None:
+    try:
+        torch.empty(0, device=device)
+    except (RuntimeError, AssertionError) as error:  # PyTorch raises the latter where it was built without CUDA
+        raise ValueError(f"device={device} cannot be used on this machine: {str(error).splitlines()[0]}") from error
+
+
 def _checkpoint_of(path: Path) -> Path:
     from torchrl.checkpoint import Checkpoint, CheckpointRotation
 
@@ -89,23 +98,26 @@ def _versions() -> dict[str, str]:
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> None:
-    with one_sentence_errors():
-        run(cfg, Path(HydraConfig.get().runtime.output_dir))
+    run(cfg, Path(HydraConfig.get().runtime.output_dir))
 
 
 def main() -> None:
     """Entry point; ``resume=DIR`` continues in the directory it names, with the overrides the run began with."""
     quiet()
-    resume = [word.split("=", 1)[1] for word in sys.argv[1:] if word.startswith("resume=")]
+    resume = [word.split("=", 1)[1].strip("'\"") for word in sys.argv[1:] if word.startswith("resume=")]
     if resume:
         directory = Path(resume[-1])
         directory = directory.parent.parent if directory.parent.name == "checkpoints" else directory
         overrides = directory / ".hydra" / "overrides.yaml"
         if not overrides.is_file():
             sys.exit(f"resume={resume[-1]}: no run of morlnav-train there.")
-        before = [word for word in OmegaConf.load(overrides) if not word.startswith("resume=")]
-        sys.argv[1:] = [*before, *sys.argv[1:], f"hydra.run.dir={directory}"]
-    _main()
+        words = [*OmegaConf.load(overrides), *sys.argv[1:]]
+        words = [word for word in words if not word.startswith("resume=")]
+        # Quoted, for the runs of a sweep have "=" and "," in their names.
+        sys.argv[1:] = [*words, f"resume='{resume[-1]}'", f"hydra.run.dir='{directory}'"]
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us instead of Hydra's own report
+    with one_sentence_errors():
+        _main()
 
 
 if __name__ == "__main__":

@@ -54,9 +54,10 @@ def preference_edges(num_objectives: int, steps: int) -> Tensor:
 
     Returns:
         Distinct preferences ``[n + C(n, 2) * (steps - 1), n]``, pair by pair, each from its first corner to its second.
+        A single objective has but one preference.
 
     Raises:
-        ValueError: if ``num_objectives`` is below 2 or ``steps`` below 1.
+        ValueError: if either number is below 1.
 
     Examples:
         >>> preference_edges(3, 10).shape
@@ -66,8 +67,10 @@ def preference_edges(num_objectives: int, steps: int) -> Tensor:
                 [0.5000, 0.5000],
                 [0.0000, 1.0000]])
     """
-    _check_at_least("num_objectives", num_objectives, 2)
+    _check_at_least("num_objectives", num_objectives, 1)
     _check_at_least("steps", steps, 1)
+    if num_objectives == 1:
+        return torch.ones(1, 1)
     corners = np.eye(num_objectives, dtype=np.int64)
     walks = (
         (steps - step) * corners[first] + step * corners[second]
@@ -86,11 +89,11 @@ class PreferenceSampler(ABC):
         num_objectives: objectives ``n`` that a preference weighs.
 
     Raises:
-        ValueError: if ``num_objectives`` is below 2.
+        ValueError: if ``num_objectives`` is below 1.
     """
 
     def __init__(self, num_objectives: int) -> None:
-        _check_at_least("num_objectives", num_objectives, 2)
+        _check_at_least("num_objectives", num_objectives, 1)
         self.num_objectives = num_objectives
 
     @abstractmethod
@@ -185,6 +188,8 @@ class SegmentedPreferences(PreferenceSampler):
         self, *batch_size: int, device: torch.device | str | None = None, generator: torch.Generator | None = None
     ) -> Tensor:
         """Draws preferences ``[*batch_size, n]``; the last batch dimension counts environments."""
+        if self.num_objectives == 1:
+            return torch.ones(*batch_size, 1, device=device)
         environments = torch.arange(prod(batch_size[-1:]), device=device).reshape(batch_size[-1:])
         segment = (self.offset + environments) % self.segments
         volume = (segment + torch.rand(batch_size, device=device, generator=generator)) / self.segments
@@ -225,8 +230,8 @@ class CornerWeightedPreferences(PreferenceSampler):
         kind = torch.rand(*batch_size, 1, **draw)
         along = torch.rand(*batch_size, 1, **draw).masked_fill(kind < self.corner, 0)
         start = torch.randint(n, (*batch_size, 1), **draw)
-        end = (start + torch.randint(1, n, (*batch_size, 1), **draw)) % n
-        border = torch.zeros(*batch_size, n, device=device).scatter(-1, start, 1 - along).scatter(-1, end, along)
+        end = (start + torch.randint(1, max(n, 2), (*batch_size, 1), **draw)) % n
+        border = torch.zeros(*batch_size, n, device=device).scatter(-1, start, 1 - along).scatter_add(-1, end, along)
         return torch.where(kind < self.corner + self.edge, border, _uniform(batch_size, n, device, generator))
 
 
@@ -235,9 +240,10 @@ class FixedPreferences(PreferenceSampler):
 
     Args:
         value: the preference ``[n]``.
+        num_objectives: objectives ``n`` that it has to weigh; as many as it has entries by default.
 
     Raises:
-        ValueError: if ``value`` is not one preference: non-negative numbers that sum to 1.
+        ValueError: if ``value`` is not one preference: ``n`` non-negative numbers that sum to 1.
 
     Examples:
         >>> FixedPreferences([0.5, 0.25, 0.25])(2)
@@ -249,6 +255,10 @@ class FixedPreferences(PreferenceSampler):
         preference = torch.as_tensor(value, dtype=torch.float32)
         if preference.ndim != 1 or not ((preference >= 0).all() and abs(preference.sum() - 1) < 1e-4):
             raise ValueError(f"A fixed preference must be non-negative numbers that sum to 1, got {value}.")
+        if num_objectives not in (None, len(preference)):
+            raise ValueError(
+                f"A fixed preference must be one number for each of {num_objectives} objectives, got {value}."
+            )
         super().__init__(len(preference))
         self.value = preference / preference.sum()
 

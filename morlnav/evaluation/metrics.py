@@ -34,7 +34,7 @@ def episode_metrics(
     ``success``, ``collision_human``, ``collision_box``, ``timeout``  how the episode ended, ``bool``
     ``min_human_distance``         least distance between the centres of robot and human, m
     ``min_obstacle_distance``      least lidar reading (the lidar sees the human too), m
-    ``navigation_time``            control steps times their duration, s
+    ``navigation_time``            from the start to the goal, s
     ``path_length``                length of the driven arcs, m
     ``shortest_path``              length of the shortest collision-free path in the scene, m
     ``spl``                        success weighted by path length, shortest / max(driven, shortest)
@@ -83,7 +83,7 @@ def episode_metrics(
     driven = torch.arange(rollouts.action.shape[-2]) < steps.unsqueeze(-1)
     human_distance = (rollouts.pose[..., :2] - rollouts.scene.human.unsqueeze(-2)).norm(dim=-1)
     speed = rollouts.action[..., 0]
-    time, length, least = steps * world.step_time, path_length(rollouts.pose), shortest.cpu().expand(preferences, -1)
+    time, length, least = rollouts.duration, path_length(rollouts.pose), shortest.cpu().expand(preferences, -1)
     columns = {
         "preference": torch.arange(preferences).unsqueeze(1).expand(-1, scenes),
         "scene": torch.arange(scenes).expand(preferences, -1),

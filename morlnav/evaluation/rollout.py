@@ -36,6 +36,7 @@ class Rollouts:
         action: ``(v, ω)`` in m/s and rad/s, ``[P, S, T, 2]``; padded with 0.
         reward: one entry per objective, unscaled, ``[P, S, T, m]``; padded with 0.
         steps: control steps of the episode, ``[P, S]``.
+        duration: seconds until the goal, the contact or the time limit, to the world's check interval, ``[P, S]``.
         outcome: an :class:`Outcome`, ``[P, S]``.
         preference: λ, ``[P, S, n]``.
         scene: the scenes, batched ``[P, S]``.
@@ -46,6 +47,7 @@ class Rollouts:
     action: Tensor
     reward: Tensor
     steps: Tensor
+    duration: Tensor
     outcome: Tensor
     preference: Tensor
     scene: Scene
@@ -148,6 +150,7 @@ def evaluate_policy(
     action_log, reward = pose.new_zeros(count, max_steps, 2), pose.new_zeros(count, max_steps, len(terms))
     steps = torch.full((count,), max_steps, device=world.device)
     outcome = torch.full_like(steps, Outcome.TIMEOUT)
+    duration = pose.new_zeros(count)
 
     episode = torch.arange(count, device=world.device)  # which episode each slot of the world drives
     running = torch.ones_like(episode, dtype=torch.bool)
@@ -171,6 +174,7 @@ def evaluate_policy(
             action_log[now, step] = action[running]
             reward[now, step] = torch.stack([term(transition) for term in terms], -1)[running]
             steps[last], outcome[last] = step + 1, ended[running & done]
+            duration[now] += contact.duration[running]
 
             observation, running = next_observation, running & ~done
             if not running.any():
@@ -187,6 +191,7 @@ def evaluate_policy(
         action=action_log[:, :longest].unflatten(0, batch),
         reward=reward[:, :longest].unflatten(0, batch),
         steps=steps.unflatten(0, batch),
+        duration=duration.unflatten(0, batch),
         outcome=outcome.unflatten(0, batch),
         preference=weight,
         scene=grid,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase, TensorDictParams
+from tensordict import TensorDict, TensorDictBase, TensorDictParams, unravel_key
 from tensordict.nn import TensorDictModule, dispatch
 from tensordict.utils import NestedKey
 from torch import Tensor, nn
@@ -18,6 +18,8 @@ from torchrl.objectives.value import TD0Estimator
 
 from morlnav.objectives.angle import AngleTerm
 from morlnav.objectives.scalarisation import LinearScalarisation
+
+LOSS_FUNCTIONS = ("l2", "l1", "smooth_l1")
 
 
 class MORLTD3Loss(LossModule):
@@ -52,7 +54,7 @@ class MORLTD3Loss(LossModule):
         use_prioritized_weights: weigh samples by the buffer's importance weights, ``"auto"`` where present.
 
     Raises:
-        ValueError: for missing or contradictory action bounds.
+        ValueError: for missing or contradictory action bounds, or an unknown ``loss_function``.
 
     Examples:
         >>> from morlnav.modules import Actor, VectorCritic
@@ -128,6 +130,8 @@ class MORLTD3Loss(LossModule):
         use_prioritized_weights: str | bool = "auto",
     ) -> None:
         super().__init__()
+        if loss_function not in LOSS_FUNCTIONS:
+            raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
         self.use_prioritized_weights = use_prioritized_weights
         self._in_keys = None
         self.delay_actor = delay_actor
@@ -140,6 +144,7 @@ class MORLTD3Loss(LossModule):
         self.reduction = reduction or "mean"
         self.scalarisation = scalarisation if scalarisation is not None else LinearScalarisation()
         self.angle = angle
+        self.out_keys = [key for key in self.out_keys if angle is not None or not key.startswith("angle_")]
         self.interpolator = interpolator
 
         policy_params = list(actor_network.parameters()) if separate_losses else None
@@ -191,7 +196,8 @@ class MORLTD3Loss(LossModule):
         keys = self.tensor_keys
         self._in_keys = list(
             dict.fromkeys(
-                [
+                unravel_key(key)
+                for key in [
                     keys.action,
                     keys.preference,
                     ("next", keys.reward),

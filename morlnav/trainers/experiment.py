@@ -13,7 +13,7 @@ from torch.optim.lr_scheduler import LambdaLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torchrl.checkpoint import Checkpoint, CheckpointRotation, GlobalRNGState
 from torchrl.collectors import Collector
-from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
+from torchrl.data import LazyTensorStorage
 from torchrl.envs import Compose, RewardScaling, RewardSum, StepCounter, TransformedEnv
 from torchrl.modules import AdditiveGaussianModule
 from torchrl.objectives import SoftUpdate, ValueEstimators
@@ -26,14 +26,17 @@ from morlnav.evaluation import evaluation_scenes
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
-from morlnav.trainers.resume import RolloutState
+from morlnav.trainers.resume import PickleFreeReplayBuffer, RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 from morlnav.transforms import DrawPreference
 
 
 def build(node: DictConfig, **objects: Any) -> Any:
     """Call a config's ``_target_`` with live objects, which OmegaConf cannot hold."""
-    return instantiate(node, _partial_=True, _convert_="all")(**objects)
+    try:
+        return instantiate(node, _partial_=True, _convert_="all")(**objects)
+    except TypeError as error:  # a value of the wrong kind, or an argument that the class does not have
+        raise ValueError(f"{node._target_} refuses its config: {error}") from error
 
 
 REPLAY_KEYS = ("observation", "preference", "action")
@@ -111,11 +114,11 @@ def make_loss(cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: li
 LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction")
 
 
-def make_replay(cfg: DictConfig, num_objectives: int) -> TensorDictReplayBuffer:
+def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
     """Replay that stores each transition once and redraws its preference whenever it is sampled."""
     relabel = build(cfg.replay.relabel, sampler=make_preferences(cfg, num_objectives))
     scale = RewardScaling(loc=0.0, scale=cfg.replay.reward_scale, in_keys=[("next", "reward")])
-    return TensorDictReplayBuffer(
+    return PickleFreeReplayBuffer(
         storage=LazyTensorStorage(int(cfg.replay.capacity), device=cfg.device),
         batch_size=cfg.trainer.batch_size,
         transform=Compose(relabel, scale),
@@ -129,6 +132,8 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
         ValueError: if the numbers in the config contradict each other.
     """
     settings = cfg.trainer
+    if cfg.env.num_envs < 1:
+        raise ValueError(f"env.num_envs must be at least 1, got {cfg.env.num_envs}.")
     if settings.frames_per_batch % cfg.env.num_envs:
         raise ValueError(
             f"trainer.frames_per_batch ({settings.frames_per_batch}) must be a multiple of env.num_envs "

@@ -1,11 +1,26 @@
-"""The part of a run that collectors do not save: where the robots are."""
+"""Checkpoints that continue bit for bit, and that run no code when they are loaded."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from tensordict import TensorDict
 from torchrl.collectors import Collector
+from torchrl.data import TensorDictReplayBuffer
+
+
+class PickleFreeReplayBuffer(TensorDictReplayBuffer):
+    """A replay buffer without prefetched batches, the one thing that TorchRL would save as a pickle.
+
+    Arguments as for :class:`torchrl.data.TensorDictReplayBuffer`.
+    """
+
+    def _dump_prefetch_state(self, path: Path, prefetch_state: dict[str, Any]) -> None:
+        pass
+
+    def _load_prefetch_state(self, path: Path) -> None:
+        pass
 
 
 class RolloutState:

@@ -17,11 +17,15 @@ from morlnav.world.scene import Scene
 
 @tensorclass
 class Contact:
-    """What the robot met during one control step; all ``bool`` of shape ``[B]``."""
+    """What the robot met during one control step; ``bool`` of shape ``[B]``, but for the time.
+
+    ``duration`` is how long the robot drove in seconds ``[B]``: the whole step, or up to the contact.
+    """
 
     human: Tensor
     box: Tensor
     goal: Tensor
+    duration: Tensor | None = None
 
 
 class World(ABC):

@@ -36,7 +36,8 @@ class TensorWorld(World):
         first = torch.where(event.any(1), event.to(torch.uint8).argmax(1), self.substeps - 1).unsqueeze(1)
         self.pose = path.gather(1, first.unsqueeze(-1).expand(-1, 1, 3)).squeeze(1)
         human, box, goal = (flag.gather(1, first).squeeze(1) for flag in (human, box, goal))
-        return Contact(human=human, box=box, goal=goal & ~human & ~box, batch_size=human.shape)
+        duration = (first.squeeze(1) + 1) * (self.step_time / self.substeps)
+        return Contact(human=human, box=box, goal=goal & ~human & ~box, duration=duration, batch_size=human.shape)
 
     def scan(self) -> Tensor:
         """See :meth:`World.scan`."""

@@ -28,6 +28,11 @@ SAMPLERS = [
     CornerWeightedPreferences(5, 0.5, 0.5),
     FixedPreferences([0.2, 0.3, 0.5]),
     GridPreferences(3, 10),
+    UniformPreferences(1),
+    DirichletPreferences(1, 0.5),
+    SegmentedPreferences(1, 3),
+    CornerWeightedPreferences(1),
+    GridPreferences(1, 10),
 ]
 
 
@@ -144,8 +149,8 @@ def test_a_fixed_draw_can_be_written_to_without_changing_the_next():
     [
         lambda: simplex_grid(0, 10),
         lambda: simplex_grid(3, 0),
-        lambda: preference_edges(1, 10),
-        lambda: UniformPreferences(1),
+        lambda: preference_edges(0, 10),
+        lambda: UniformPreferences(0),
         lambda: DirichletPreferences(3, 0.0),
         lambda: DirichletPreferences(3, [1.0, 1.0]),
         lambda: SegmentedPreferences(3, 0),

@@ -1,0 +1,105 @@
+import pandas as pd
+import pytest
+from omegaconf import OmegaConf
+
+from morlnav.analysis import load_episodes, load_fronts, load_run, load_summaries, load_sweep
+from morlnav.record.loggers import TensorboardCSVLogger
+
+
+def make_run(directory, values=(0.25, 0.5), evaluated=True, **config):
+    logger = TensorboardCSVLogger("logs", directory)
+    for step, value in enumerate(values, start=1):
+        logger.log_scalar("train/success", value, step=10 * step)
+        logger.log_scalar("evaluation/navigation_time/0.50_0.50", 2 * value, step=10 * step)
+    OmegaConf.save(
+        {"seed": 0, "resume": None, "loss": {"gamma": 0.9, "angles": {"none": None}}} | config,
+        directory / "config.yaml",
+    )
+    if evaluated:
+        (directory / "evaluation").mkdir()
+        for name in ("episodes", "summary", "front"):
+            table = pd.DataFrame({"lambda_distance": [1.0, 0.0], name: values[:1] * 2})
+            table.to_csv(directory / "evaluation" / f"{name}.csv", index=False)
+    return directory
+
+
+def test_a_run_is_one_long_table(tmp_path):
+    logs = load_run(make_run(tmp_path / "first"))
+    assert logs.to_dict("list") == {
+        "run": ["first"] * 4,
+        "metric": ["evaluation/navigation_time/0.50_0.50"] * 2 + ["train/success"] * 2,
+        "step": [10, 20, 10, 20],
+        "value": [0.5, 1.0, 0.25, 0.5],
+    }
+
+
+def test_an_interrupted_run_has_logs_but_no_evaluation(tmp_path):
+    directory = make_run(tmp_path / "first", evaluated=False)
+    assert len(load_run(str(directory))) == 4
+    for load in (load_episodes, load_summaries, load_fronts):
+        with pytest.raises(FileNotFoundError, match=r"None of the runs first has .* morlnav-evaluate"):
+            load(directory)
+
+
+def test_steps_that_a_resumed_run_repeats_count_once(tmp_path):
+    directory = make_run(tmp_path / "first", values=(0.1, 0.2))
+    TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.9, step=20)
+    assert load_run(directory).query("metric == 'train/success'")["value"].tolist() == [0.1, 0.9]
+
+
+def test_a_sweep_shows_the_settings_that_differ(tmp_path):
+    make_run(tmp_path / "0", seed=0)
+    make_run(tmp_path / "1", values=(0.75,), seed=1, loss={"gamma": 0.95, "angles": {"none": None}}, resume="elsewhere")
+    make_run(tmp_path / "2", values=(), evaluated=False, seed=2)  # has only just begun
+    (tmp_path / ".hydra").mkdir()
+    logs = load_sweep(tmp_path)
+    assert list(logs) == ["run", "seed", "loss.gamma", "metric", "step", "value"]
+    settings = logs[["run", "seed", "loss.gamma"]].drop_duplicates().to_numpy().tolist()
+    assert settings == [["0", 0, 0.9], ["1", 1, 0.95]]
+    assert logs.groupby("run").size().to_dict() == {"0": 4, "1": 2}
+
+
+def test_settings_may_be_lists_and_may_be_missing(tmp_path):
+    make_run(tmp_path / "a", cells=[64, 64])
+    make_run(tmp_path / "b", cells=[32])
+    make_run(tmp_path / "c")
+    settings = load_sweep(tmp_path).drop_duplicates("run").set_index("run")["cells"]
+    assert settings["a"] == "[64, 64]"
+    assert pd.isna(settings["c"])
+
+
+def test_a_single_run_is_a_sweep_of_one(tmp_path):
+    directory = make_run(tmp_path / "only")
+    pd.testing.assert_frame_equal(load_sweep(directory), load_run(directory))
+
+
+def test_runs_of_the_same_name_are_told_apart(tmp_path):
+    runs = [make_run(tmp_path / day / "0") for day in ("monday", "tuesday")]
+    assert load_sweep(runs)["run"].unique().tolist() == ["monday/0", "tuesday/0"]
+
+
+@pytest.mark.parametrize(
+    ("load", "name"), [(load_episodes, "episodes"), (load_summaries, "summary"), (load_fronts, "front")]
+)
+def test_evaluations_of_a_sweep_are_stacked(tmp_path, load, name):
+    make_run(tmp_path / "0", values=(0.25,), seed=3)
+    make_run(tmp_path / "1", values=(0.75,), seed=4)
+    make_run(tmp_path / "2", evaluated=False, seed=5)
+    assert load(tmp_path).to_dict("list") == {
+        "run": ["0", "0", "1", "1"],
+        "seed": [3, 3, 4, 4],
+        "lambda_distance": [1.0, 0.0, 1.0, 0.0],
+        name: [0.25, 0.25, 0.75, 0.75],
+    }
+
+
+def test_what_holds_no_runs_is_explained(tmp_path):
+    with pytest.raises(FileNotFoundError, match="holds no runs"):
+        load_sweep(tmp_path)
+    with pytest.raises(FileNotFoundError, match="not a run directory"):
+        load_run(tmp_path / "missing")
+    with pytest.raises(ValueError, match="No run directories"):
+        load_fronts([])
+    make_run(tmp_path / "0", values=(), evaluated=False)
+    with pytest.raises(FileNotFoundError, match="None of the runs 0 has logged scalars"):
+        load_sweep(tmp_path)

@@ -1,0 +1,353 @@
+"""Whole trainings in seconds: every file is left behind, parts swap, mistakes read well, and resuming is exact."""
+
+import json
+import math
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import torch
+from conftest import SMALL, configure, trainer_for
+from torchrl.checkpoint import CheckpointRotation
+
+import morlnav.train
+from morlnav.evaluate import evaluate_run
+from morlnav.train import run
+
+BRIEF = ("trainer.total_frames=32", "trainer.random_frames=16", "evaluation.during.interval=16")
+
+
+def latest(directory):
+    return CheckpointRotation(directory / "checkpoints", keep_last=1).latest()
+
+
+def learned(trainer):
+    """Everything that a trainer has learned or will learn from, as nested dictionaries."""
+    hooks = ("log_episodes", "log_optimisation", "evaluate_policy")
+    return {
+        "loss": trainer.loss_module.state_dict(),
+        "average": trainer.checkpoint.components["average"].state_dict(),
+        "stepper": trainer.optimization_stepper.state_dict(),
+        "hooks": {name: trainer._modules[name].state_dict() for name in hooks},
+        "replay": trainer.replay_buffer.storage[:].to_dict(),
+        "gamma": trainer.loss_module.value_estimator.gamma,
+        "frames": trainer.collected_frames,
+        "random state": torch.get_rng_state(),
+    }
+
+
+def assert_identical(ours, theirs, name=""):
+    if isinstance(ours, dict):
+        assert ours.keys() == theirs.keys(), name
+        for key in ours:
+            assert_identical(ours[key], theirs[key], f"{name}.{key}")
+    elif isinstance(ours, list | tuple):
+        assert len(ours) == len(theirs), name
+        for i, pair in enumerate(zip(ours, theirs, strict=True)):
+            assert_identical(*pair, f"{name}[{i}]")
+    elif isinstance(ours, torch.Tensor):
+        torch.testing.assert_close(ours, theirs, rtol=0, atol=0, equal_nan=True, msg=lambda text: f"{name}: {text}")
+    else:
+        assert ours == theirs, name
+
+
+def train_briefly(directory, *overrides):
+    """Two batches, the second with optimisation steps; returns the trainer and the losses it reported."""
+    trainer = trainer_for(configure(*BRIEF, *overrides), directory)
+    losses = []
+    trainer.register_op("post_optim_complete_log", lambda _, values: losses.append(values.clone()))
+    trainer.train()
+    assert losses
+    for name in ("loss_qvalue", "loss_actor", "pred_value", "grad_norm_qvalue"):
+        assert losses[-1][name].isfinite().all(), name
+    assert all(parameter.isfinite().all() for parameter in trainer.loss_module.parameters())
+    return trainer, losses
+
+
+# A whole run
+
+
+def test_a_run_leaves_everything_behind(smoke_run):
+    files = ["config.yaml", "policy.pt", "versions.json", "evaluation/table.md", "evaluation/trajectories.png"]
+    files += [f"evaluation/{name}.csv" for name in ("episodes", "summary", "fidelity", "front")]
+    for name in files:
+        assert (smoke_run / name).stat().st_size > 0, name
+    assert json.loads((smoke_run / "versions.json").read_text())["torch"] == torch.__version__
+    assert len(list((smoke_run / "checkpoints").glob("checkpoint-*"))) == 2
+    assert list((smoke_run / "logs").rglob("events.out.tfevents.*"))
+
+
+def test_logged_losses_are_finite_and_episodes_are_counted(smoke_run):
+    scalars = {path.stem: path for path in (smoke_run / "logs").rglob("*.csv")}
+    assert {"loss_qvalue", "loss_actor", "gamma", "lr_actor", "expected_utility"} <= scalars.keys()
+    for name in ("loss_qvalue", "loss_actor", "pred_value_distance", "grad_norm_actor", "angle_actor"):
+        table = pd.read_csv(scalars[name], header=None, names=["step", "value"])
+        assert len(table) >= 3, name
+        assert table.value.map(math.isfinite).all(), name
+        assert table.step.is_monotonic_increasing, name
+        assert table.step.iloc[-1] <= 512, name
+
+
+def test_a_finished_run_can_be_measured_again_elsewhere(smoke_run, tmp_path):
+    table = evaluate_run(smoke_run, tmp_path, episodes=2, steps=1)
+    assert "4 episodes: 2 preferences in 2 scenes" in table
+    assert (tmp_path / "episodes.csv").is_file()
+
+
+def test_one_seed_is_one_result(tmp_path):
+    first, second, other = (
+        train_briefly(tmp_path / name, f"seed={seed}")[0] for name, seed in (("a", 3), ("b", 3), ("c", 4))
+    )
+    assert_identical(learned(first), learned(second))
+    assert not torch.equal(first.replay_buffer.storage[:]["observation"], other.replay_buffer.storage[:]["observation"])
+
+
+# Resuming
+
+
+@pytest.mark.parametrize(
+    ("batches", "overrides"),
+    [
+        (2, []),  # while actions are still random
+        (11, ["env.max_steps=5"]),  # episodes end and begin anew; the actor's delayed update is pending
+        (
+            5,
+            [
+                "world=pymunk",
+                "env.num_envs=4",
+                "trainer.frames_per_batch=8",
+                "loss.angle=paper",
+                *BRIEF,
+                "trainer.total_frames=64",
+            ],
+        ),
+        (7, ["replay.capacity=64", "replay.relabel.share=0.75", "replay.relabel.num_relabels=2"]),  # the buffer is full
+    ],
+    ids=["random", "episodes", "pymunk", "overwriting"],
+)
+def test_a_resumed_training_equals_an_unbroken_one_bit_for_bit(batches, overrides, tmp_path):
+    cfg = configure(
+        "trainer.total_frames=256", "trainer.policy_update_delay=3", "trainer.optim_steps_per_batch=1", *overrides
+    )
+    whole = trainer_for(cfg, tmp_path / "whole")
+    whole.train()
+    expected = learned(whole)
+
+    stopped = trainer_for(cfg, tmp_path / "stopped")
+    left = iter(range(batches - 1, -1, -1))
+    stopped.register_op("post_steps", lambda: next(left, 0) or stopped.request_stop("enough"))
+    stopped.train()
+    assert stopped.collected_frames == batches * cfg.trainer.frames_per_batch
+
+    resumed = trainer_for(cfg, tmp_path / "resumed")
+    torch.manual_seed(99)
+    resumed.load_from_file(latest(tmp_path / "stopped"))
+    assert resumed.collected_frames == stopped.collected_frames
+    resumed.train()
+    assert_identical(learned(resumed), expected)
+
+
+def test_ctrl_c_says_how_to_go_on_and_going_on_loses_nothing(smoke_run, tmp_path, monkeypatch, capsys):
+    def interrupted_trainer(*args):
+        trainer = morlnav.trainers.make_trainer(*args)
+        trainer.register_op(
+            "post_steps", lambda: os.kill(os.getpid(), signal.SIGINT) if trainer.collected_frames == 208 else None
+        )
+        return trainer
+
+    monkeypatch.setattr(morlnav.train, "make_trainer", interrupted_trainer)
+    assert run(configure(), tmp_path) is None
+    assert "Stopped after 208 frames" in (text := capsys.readouterr().out)
+    assert f"morlnav-train resume={tmp_path}" in text
+    assert not (tmp_path / "policy.pt").exists()
+
+    monkeypatch.undo()
+    run(configure(f"resume='{tmp_path}'"), tmp_path)
+    assert "at 208 of 512 frames" in capsys.readouterr().out
+    assert_identical(torch.load(tmp_path / "policy.pt"), torch.load(smoke_run / "policy.pt"))
+
+
+def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_run, tmp_path):
+    directory = tmp_path / "0_seed=0,world=tensor"  # named as a sweep names its runs
+    words = [sys.executable, "-m", "morlnav.train", *SMALL, f"hydra.run.dir='{directory}'"]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        for _ in range(1200):
+            if directory.is_dir() and list((directory / "checkpoints").glob("checkpoint-*/manifest.json")):
+                break
+            assert process.poll() is None, process.communicate()[1]
+            time.sleep(0.05)
+    finally:
+        process.kill()
+        process.communicate()
+    assert not (directory / "policy.pt").exists()
+
+    again = subprocess.run(
+        [sys.executable, "-m", "morlnav.train", f"resume={directory}"], capture_output=True, text=True, check=False
+    )
+    assert again.returncode == 0, again.stderr
+    assert "Continuing from" in again.stdout
+    assert_identical(torch.load(directory / "policy.pt"), torch.load(smoke_run / "policy.pt"))
+
+
+def test_loading_a_checkpoint_runs_no_code(tmp_path):
+    class Bomb:
+        def __reduce__(self):
+            return Path.touch, (tmp_path / "ran",)
+
+    train_briefly(tmp_path)
+    assert not list((tmp_path / "checkpoints").rglob("*.pkl"))
+    replay = next((tmp_path / "checkpoints").rglob("*replay_buffer"))
+    (replay / "prefetch.pkl").write_bytes(pickle.dumps(Bomb()))
+    trainer_for(configure(*BRIEF), tmp_path / "again").load_from_file(latest(tmp_path))
+    assert not (tmp_path / "ran").exists()
+
+    torch.save({"bomb": Bomb()}, replay / "transform.t")
+    with pytest.raises(Exception, match=r"(?i)weights.only"):
+        trainer_for(configure(*BRIEF), tmp_path / "once more").load_from_file(latest(tmp_path))
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("path", ["nowhere", "."])
+def test_resuming_from_a_place_without_checkpoints_says_so(path, tmp_path):
+    with pytest.raises(FileNotFoundError, match="no checkpoint there; give a run directory"):
+        run(configure(f"resume='{tmp_path / path}'"), tmp_path)
+
+
+# Swapping parts
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["world=pymunk", "env.num_envs=4"],
+        ["preferences=dirichlet"],
+        ["preferences=uniform"],
+        ["preferences=segments"],
+        ["preferences=grid"],
+        ["preferences=fixed", "preferences.value=[0.5,0.5]"],
+        ["loss.angle=none"],
+        ["loss.angle=paper"],
+        ["loss.angle=safe"],
+        ["loss.num_qvalue_nets=3"],
+        ["loss.scalarisation.tie_break=0.01"],
+        ["replay.relabel.share=0"],
+        ["env.scenes.num_boxes=0"],
+        ["objectives=[baseline]", "+objectives.calm={_target_: morlnav.envs.Efficiency}"],
+        ["objectives=[distance,efficiency]"],
+        ["recipe=paper", "trainer.total_frames=12", "trainer.random_frames=6", "replay.capacity=1000"],
+    ],
+    ids=" ".join,
+)
+def test_parts_swap_by_one_word(overrides, tmp_path):
+    train_briefly(tmp_path, *overrides)
+
+
+@pytest.mark.parametrize("preferences", ["corners", "dirichlet", "uniform", "segments", "grid", "fixed"])
+def test_a_single_objective_has_one_preference(preferences, tmp_path):
+    value = ["preferences.value=[1.0]"] * (preferences == "fixed")
+    trainer, _ = train_briefly(tmp_path, "objectives=[baseline,distance]", f"preferences={preferences}", *value)
+    stored = trainer.replay_buffer.storage[:]
+    assert stored["next", "reward"].shape[-1] == 2
+    torch.testing.assert_close(stored["preference"], torch.ones(32, 1))
+
+
+def test_a_single_objective_runs_to_the_end(tmp_path):
+    table = run(configure(*BRIEF, "objectives=[baseline,distance]"), tmp_path)
+    assert table.startswith("| distance | SR % |")
+    assert morlnav.load(tmp_path).objectives == ("distance",)
+
+
+def test_an_objective_of_the_users_own_needs_no_change_in_the_package(tmp_path, monkeypatch):
+    (tmp_path / "my_rewards.py").write_text(
+        "class Calm:\n"
+        "    def __init__(self, penalty):\n"
+        "        self.penalty = penalty\n\n"
+        "    def __call__(self, transition):\n"
+        "        return self.penalty * transition.action[..., 1].abs()\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    calm = ["+objectives.calm._target_=my_rewards.Calm", "+objectives.calm.penalty=-2.0"]
+    trainer, losses = train_briefly(tmp_path / "run", *calm)
+    stored = trainer.replay_buffer.storage[:]
+    assert stored["preference"].shape == (32, 3)
+    torch.testing.assert_close(stored["next", "reward"][:, 3], -2 * stored["action"][:, 1].abs())
+    assert losses[-1]["pred_value"].shape == (4,)
+
+
+def test_without_the_human_in_view_the_networks_shrink(tmp_path):
+    trainer, _ = train_briefly(tmp_path, "ablation=no_human")
+    assert trainer.replay_buffer.storage[:]["observation"].shape == (32, 32)
+
+
+@pytest.mark.parametrize(
+    ("override", "gamma"), [("ablation=gamma_099", 0.99), ("ablation=gamma_095", 0.95), ("loss.gamma=0.98", 0.98)]
+)
+def test_the_discount_ends_where_the_config_says(override, gamma, tmp_path):
+    trainer, _ = train_briefly(tmp_path, override)
+    assert trainer.loss_module.value_estimator.gamma.item() == pytest.approx(gamma)
+
+
+def test_learning_rates_fall_to_their_end_with_the_last_update(tmp_path):
+    cfg = configure("trainer.total_frames=128", "trainer.random_frames=0", "trainer.lr_decay_end=0.1")
+    trainer = trainer_for(cfg, tmp_path)
+    trainer.train()
+    rates = [
+        optimizer["param_groups"][0]["lr"] for key, optimizer in learned(trainer)["stepper"].items() if "opt" in key
+    ]
+    assert rates == pytest.approx([0.1 * cfg.trainer.optimizer_actor.lr, 0.1 * cfg.trainer.optimizer_critic.lr])
+
+
+def test_stored_rewards_are_raw_and_the_learners_are_scaled(tmp_path):
+    trainer, _ = train_briefly(tmp_path, "replay.reward_scale=0.5")
+    assert (trainer.replay_buffer.storage[:]["next", "reward"][:, 2] == -10).all()
+    assert (trainer.replay_buffer.sample()["next", "reward"][:, 2] == -5).all()
+
+
+# Mistakes
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("loss.angle=wrong", "loss.angle must be one of none, safe, paper, got wrong."),
+        ("loss.loss_function=wrong", "loss_function must be one of l2, l1, smooth_l1, got wrong."),
+        ("trainer.frames_per_batch=100", r"frames_per_batch \(100\) must be a multiple of env.num_envs \(16\)."),
+        ("objectives=[distance,baseline]", "Static objectives must come before tuneable ones"),
+        ("preferences=fixed", "Missing mandatory value: preferences.value"),
+        ("device=nowhere", "device=nowhere cannot be used on this machine"),
+        ("env.num_envs=0", "must be at least 1"),
+        ("env.scenes.band=-1", "band must not be negative, got -1"),
+    ],
+)
+def test_a_wrong_value_ends_in_one_sentence(override, sentence, tmp_path):
+    with pytest.raises(SystemExit, match=sentence) as error, morlnav.train.one_sentence_errors():
+        run(configure(override), tmp_path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("loss.angle=wrong", ["loss.angle must be one of none, safe, paper, got wrong."]),
+        ("world=nosuch", ["Could not find 'world/nosuch'", "pymunk", "tensor"]),
+        ("trainer.batchsize=3", ["Could not override 'trainer.batchsize'"]),
+        ("nosuch=3", ["nosuch"]),
+        ("resume=nowhere", ["resume=nowhere: no run of morlnav-train there."]),
+    ],
+)
+def test_the_command_line_names_a_mistake_and_the_choices(override, words, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(sys, "argv", ["morlnav-train", *SMALL, f"hydra.run.dir='{tmp_path}'", override])
+    with pytest.raises(SystemExit) as error:
+        morlnav.train.main()
+    assert error.value.code not in (0, None)
+    text = capfd.readouterr().err + str(error.value)
+    assert "Traceback" not in text
+    for word in words:
+        assert word in text

@@ -1,5 +1,6 @@
 """Environments and their reward terms."""
 
+from morlnav.envs.demonstration import DemonstrationObjective
 from morlnav.envs.navigation import NavigationEnv
 from morlnav.envs.rewards import (
     Collision,
@@ -14,6 +15,7 @@ from morlnav.envs.rewards import (
 
 __all__ = [
     "Collision",
+    "DemonstrationObjective",
     "Efficiency",
     "GoalProgress",
     "HumanDistance",

@@ -3,6 +3,7 @@
 from morlnav.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.evaluation.pareto import expected_utility, hypervolume, pareto_mask, utility
 from morlnav.evaluation.paths import shortest_path, shortest_polylines
+from morlnav.evaluation.references import reference_paths
 from morlnav.evaluation.report import default_reference, front_table, write_report
 from morlnav.evaluation.rollout import Outcome, Rollouts, evaluate_policy, evaluation_scenes
 from morlnav.evaluation.statistics import compare_extremes, fidelity, overall, summarise
@@ -22,6 +23,7 @@ __all__ = [
     "hypervolume",
     "overall",
     "pareto_mask",
+    "reference_paths",
     "shortest_path",
     "shortest_polylines",
     "summarise",

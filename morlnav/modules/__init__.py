@@ -2,5 +2,24 @@
 
 from morlnav.modules.interpolator import PreferenceInterpolator
 from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic
+from morlnav.modules.noise import EpsilonGreedyNoise
+from morlnav.modules.oracle import CircumnavigationOracle, Oracle, Plan
+from morlnav.modules.reward_file import load_reward, read_facts, save_reward
+from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, RewardModel
 
-__all__ = ["Actor", "NavigationFeatures", "PreferenceInterpolator", "VectorCritic"]
+__all__ = [
+    "Actor",
+    "CircumnavigationOracle",
+    "EpsilonGreedyNoise",
+    "NavigationFeatures",
+    "NormalisedReward",
+    "Oracle",
+    "Plan",
+    "PreferenceInterpolator",
+    "RewardEnsemble",
+    "RewardModel",
+    "VectorCritic",
+    "load_reward",
+    "read_facts",
+    "save_reward",
+]

@@ -53,7 +53,8 @@ class Actor(nn.Module):
     """Deterministic policy ``π(s, λ)``: an MLP with a tanh output, scaled to the action's bounds (Sec. III-B.2).
 
     Args:
-        num_preferences: entries of the preference λ.
+        num_preferences: entries of the preference λ; with 0 the policy is ``π(s)`` and ignores any preference, as the
+            behaviour clone does.
         action_low: least action, length ``A``.
         action_high: largest action, length ``A``.
         features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
@@ -77,13 +78,15 @@ class Actor(nn.Module):
     ) -> None:
         super().__init__()
         self.features = features if features is not None else NavigationFeatures()
+        self.num_preferences = num_preferences
         self.register_buffer("low", torch.as_tensor(action_low, dtype=torch.float32))
         self.register_buffer("high", torch.as_tensor(action_high, dtype=torch.float32))
         self.mlp = _mlp(self.features.out_features + num_preferences, self.low.numel(), depth, num_cells, gain=0.01)
 
-    def forward(self, observation: Tensor, preference: Tensor) -> Tensor:
+    def forward(self, observation: Tensor, preference: Tensor | None = None) -> Tensor:
         """Action ``[..., A]`` in its own units for observations ``[..., D]`` and preferences ``[..., n]``."""
-        unit = self.mlp(self.features(observation), preference).tanh()
+        inputs = (preference,) if self.num_preferences else ()
+        unit = self.mlp(self.features(observation), *inputs).tanh()
         return self.low + (unit + 1) * (self.high - self.low) / 2
 
 

@@ -1,7 +1,16 @@
 """Loss modules."""
 
 from morlnav.objectives.angle import AngleTerm, ClampedAngleTerm
+from morlnav.objectives.cloning import BehaviourCloningLoss
 from morlnav.objectives.morl_td3 import MORLTD3Loss
+from morlnav.objectives.ranking import RankingLoss
 from morlnav.objectives.scalarisation import LinearScalarisation
 
-__all__ = ["AngleTerm", "ClampedAngleTerm", "LinearScalarisation", "MORLTD3Loss"]
+__all__ = [
+    "AngleTerm",
+    "BehaviourCloningLoss",
+    "ClampedAngleTerm",
+    "LinearScalarisation",
+    "MORLTD3Loss",
+    "RankingLoss",
+]

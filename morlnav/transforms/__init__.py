@@ -1,6 +1,7 @@
 """Transforms of environments and replay buffers."""
 
+from morlnav.transforms.demonstration_reward import DemonstrationReward
 from morlnav.transforms.preference import DrawPreference
 from morlnav.transforms.relabel import HindsightPreferenceRelabel
 
-__all__ = ["DrawPreference", "HindsightPreferenceRelabel"]
+__all__ = ["DemonstrationReward", "DrawPreference", "HindsightPreferenceRelabel"]

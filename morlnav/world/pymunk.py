@@ -124,9 +124,7 @@ class PymunkWorld(World):
         last, human, box, goal = torch.tensor([self._drive(*slot) for slot in slots], device=self.device).unbind(-1)
         self.pose = path[torch.arange(len(path), device=self.device), last]
         duration = (last + 1) * (self.step_time / self.substeps)
-        return Contact(
-            human=human.bool(), box=box.bool(), goal=goal.bool(), duration=duration, batch_size=last.shape
-        )
+        return Contact(human=human.bool(), box=box.bool(), goal=goal.bool(), duration=duration, batch_size=last.shape)
 
     def _drive(
         self, space: pymunk.Space, robot: pymunk.Body, path: list[list[float]], turn: float, reached: list[bool]

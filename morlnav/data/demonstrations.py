@@ -1,0 +1,289 @@
+"""Demonstrations: successful episodes of a policy in random scenes, recorded, saved and loaded."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from morlnav.envs import NavigationEnv, Objective
+from morlnav.world import Scene, TensorWorld, World
+
+SCHEMA = "morlnav.demonstrations"
+VERSION = 1
+HEADER = "demonstrations.json"
+ENTRIES = {"observation", "action", "executed_action", "pose", "scene", "episode", "step", "next"}
+PATIENCE = 20
+"""Recording gives up after this many tries per wanted demonstration."""
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """Pushes a demonstrator off its way, so that a clone of it learns to recover (DART, Laskey et al., CoRL 2017).
+
+    At each free step a push begins with probability ``start``; it adds one Gaussian draw to the action, in units of
+    half the action's range, for 1 to ``max_hold`` steps.
+
+    Args:
+        start: probability per step.
+        max_hold: longest push in steps.
+        std: standard deviation of a push.
+
+    Raises:
+        ValueError: if a value is out of range.
+
+    Examples:
+        >>> pushes = Disturbance(start=0.5).sample(10, 4)
+        >>> pushes.shape
+        torch.Size([10, 4, 2])
+    """
+
+    start: float = 0.1
+    max_hold: int = 5
+    std: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.start <= 1 and self.max_hold >= 1 and self.std >= 0):
+            raise ValueError(f"A disturbance needs 0 <= start <= 1, max_hold >= 1 and std >= 0, got {self}.")
+
+    def sample(
+        self, steps: int, num_envs: int, num_actions: int = 2, generator: torch.Generator | None = None
+    ) -> Tensor:
+        """What to add to the normalised actions of whole episodes, ``[steps, num_envs, num_actions]``; mostly 0."""
+        begins = torch.rand(steps, num_envs, generator=generator) < self.start
+        holds = torch.randint(1, self.max_hold + 1, (steps, num_envs), generator=generator)
+        pushes = self.std * torch.randn(steps, num_envs, num_actions, generator=generator)
+        left = torch.zeros(num_envs, dtype=torch.long)
+        for step in range(steps):
+            begins_now = begins[step] & (left == 0)
+            left = torch.where(begins_now, holds[step], left)
+            held = pushes[step - 1] if step else torch.zeros_like(pushes[0])
+            push = torch.where(begins_now.unsqueeze(-1), pushes[step], held)
+            pushes[step] = push * (left > 0).unsqueeze(-1)
+            left = (left - 1).clamp_min(0)
+        return pushes
+
+
+@torch.no_grad()
+def record_demonstrations(
+    policy: Callable[[Tensor], Tensor],
+    sampler: Callable[..., Scene],
+    num: int,
+    *,
+    world: World | None = None,
+    disturbance: Disturbance | None = None,
+    objectives: Mapping[str, Objective] | None = None,
+    observe_human: bool = True,
+    seed: int = 0,
+    max_steps: int = 250,
+    num_envs: int = 256,
+) -> tuple[TensorDict, int]:
+    """Roll a demonstrator out in random scenes and keep the episodes that reach the goal (Sec. III-C, III-D.3).
+
+    The transitions lie flat, ordered by ``episode`` and ``step``: behaviour cloning draws rows, a replay buffer with
+    ``SliceSampler(traj_key="episode", slice_len=25)`` draws snippets to rank. Off-policy learning takes
+    ``executed_action`` as its action. A row holds all that a :class:`~morlnav.envs.Transition` needs, so that other
+    objectives can be computed later.
+
+    ==========================================  ========  =======================================================
+    ``observation``                             ``[34]``  before the step, raw; ``[32]`` without the human
+    ``action``                                  ``[2]``   what the demonstrator wanted: the label (m/s, rad/s)
+    ``executed_action``                         ``[2]``   what was done, which differs during a disturbance
+    ``pose``                                    ``[3]``   before the step, x, y (m) and heading (rad)
+    ``scene.start|goal|human|boxes``                      see :class:`~morlnav.world.Scene`
+    ``episode``, ``step``                       ``[]``    counted from 0
+    ``next.observation|pose``                             after the step
+    ``next.reward``                             ``[m]``   one entry per objective, unscaled
+    ``next.outcome.*|terminated|done``          ``[1]``   as in :class:`~morlnav.envs.NavigationEnv`
+    ==========================================  ========  =======================================================
+
+    Args:
+        policy: maps raw observations ``[B, 34]`` to actions ``[B, 2]``; it sees the human in any case.
+        sampler: called as ``sampler(n, device=..., generator=...)`` for ``n`` new scenes.
+        num: episodes to keep.
+        world: the engine; a copy of it is used. Tensors by default.
+        disturbance: pushes the robot; ``None`` to leave it alone.
+        objectives: reward terms by name as for :class:`~morlnav.envs.NavigationEnv`.
+        observe_human: whether the human's position is recorded (``-NH`` ablation).
+        seed: of scenes and disturbances, which are the same for the same ``num`` and ``num_envs``; torch's global
+            random state is left alone.
+        max_steps: episodes longer than this are dropped.
+        num_envs: episodes side by side.
+
+    Returns:
+        The transitions ``[N]`` of ``num`` episodes, in main memory, and the number of episodes tried for them.
+
+    Raises:
+        ValueError: if a number is below 1.
+        RuntimeError: if the policy hardly ever succeeds.
+
+    Examples:
+        >>> from morlnav.modules import CircumnavigationOracle
+        >>> from morlnav.world import SceneSampler
+        >>> data, tries = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 3, disturbance=Disturbance())
+        >>> int(data["episode"].max()) + 1, tries >= 3
+        (3, True)
+    """
+    for name, value in {"num": num, "max_steps": max_steps, "num_envs": num_envs}.items():
+        if value < 1:
+            raise ValueError(f"{name} must be at least 1, got {value}.")
+    world = world if world is not None else TensorWorld()
+    generator = torch.Generator().manual_seed(seed)
+    kept, count, tries = [], 0, 0
+    while count < num:
+        if tries >= PATIENCE * num:
+            raise RuntimeError(
+                f"Only {count} of {tries} episodes reached the goal, {num} are wanted; make the scenes easier, the "
+                f"disturbance weaker or max_steps larger, or mend the policy."
+            )
+        batch = min(num_envs, 2 * (num - count))
+        env = NavigationEnv(copy.copy(world), sampler, objectives, num_envs=batch, seed=seed)
+        pushes = None if disturbance is None else disturbance.sample(max_steps, batch, generator=generator)
+        episodes = _roll_out(policy, env, sampler(batch, device=env.device, generator=generator), pushes, max_steps)
+        done = episodes["next", "done"].squeeze(-1).long()
+        driven = done.cumsum(1) == done  # up to and including the step that ends the episode
+        reached = (episodes["next", "outcome", "goal"].squeeze(-1) & driven).any(1)
+        good = reached.nonzero().flatten()[: num - count]
+        finished = len(good) == num - count
+        tries += int(good[-1]) + 1 if finished else batch
+        episodes["episode"][good] = torch.arange(count, count + len(good)).unsqueeze(1)
+        kept.append(episodes[good][driven[good]])
+        count += len(good)
+    data = torch.cat(kept)
+    if not observe_human:
+        for key in ("observation", ("next", "observation")):
+            data[key] = torch.cat([data[key][:, :2], data[key][:, 4:]], -1)
+    return data, tries
+
+
+def _roll_out(
+    policy: Callable[[Tensor], Tensor], env: NavigationEnv, scene: Scene, pushes: Tensor | None, max_steps: int
+) -> TensorDict:
+    """Episodes ``[B, T]`` in main memory; an episode that is done goes on unseen until all are."""
+    low, high = (bound.to(env.device) for bound in (env.world.robot.action_low, env.world.robot.action_high))
+    now = env.reset(scene=scene)
+    running = torch.ones(len(scene), dtype=torch.bool, device=env.device)
+    frames = []
+    for step in range(max_steps):
+        action = executed = policy(now["observation"])
+        if pushes is not None:
+            executed = (action + pushes[step].to(env.device) * (high - low) / 2).clamp(low, high)
+        now = env.step(now.select("observation", "pose").set("action", executed))
+        frame = now.select("observation", "pose", "next").set("action", action).set("executed_action", executed)
+        frames.append(frame.clone())
+        now = now["next"]
+        running &= ~now["done"].squeeze(-1)
+        if not running.any():
+            break
+    episodes = torch.stack(frames, 1).to("cpu")
+    size = episodes.batch_size
+    episodes["scene"] = scene.to_tensordict().to("cpu").unsqueeze(1).expand(size)
+    episodes["episode"] = torch.zeros(size, dtype=torch.long)
+    episodes["step"] = torch.arange(size[1]).expand(size)
+    return episodes
+
+
+def save_demonstrations(data: TensorDict, path: str | Path, settings: Mapping[str, Any] | None = None) -> None:
+    """Write demonstrations into a new folder: one memory-mapped file per entry, and ``demonstrations.json``.
+
+    Args:
+        data: as :func:`record_demonstrations` returns them.
+        path: of the folder; it may exist if it is empty.
+        settings: anything worth remembering about the recording, in JSON's types.
+
+    Raises:
+        FileExistsError: if the folder holds anything.
+        ValueError: if the data are no demonstrations or hold anything but tensors.
+        TypeError: if the settings are not JSON.
+    """
+    path = Path(path)
+    problem = _problem(data)
+    if problem:
+        raise ValueError(f"These are no demonstrations that can be saved: {problem}.")
+    if path.exists() and any(path.iterdir()):
+        raise FileExistsError(f"{path} is not empty; save demonstrations into a new folder.")
+    settings = json.loads(json.dumps(dict(settings or {})))
+    data.memmap(path / "data", copy_existing=True)
+    header = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "episodes": int(data["episode"].unique().numel()),
+        "transitions": len(data),
+        "settings": settings,
+        "files": _files(path / "data"),
+    }
+    (path / HEADER).write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
+
+
+def load_demonstrations(path: str | Path) -> TensorDict:
+    """Read a folder that :func:`save_demonstrations` wrote; no code is unpickled.
+
+    Args:
+        path: of the folder.
+
+    Returns:
+        The transitions ``[N]``, in main memory.
+
+    Raises:
+        FileNotFoundError: if the folder holds no demonstrations.
+        ValueError: if they are of another schema or version, or damaged.
+    """
+    path = Path(path)
+    header = _header(path)
+    listed = header.get("files")
+    if listed != _files(path / "data") or not all(name.endswith((".memmap", "meta.json")) for name in listed):
+        raise ValueError(f"The demonstrations in {path} are damaged: their files are not those that were saved.")
+    try:
+        data = TensorDict.load_memmap(path / "data", allow_pickle=False).clone()
+        problem = _problem(data)
+    except Exception as error:
+        raise ValueError(f"The demonstrations in {path} are damaged: {error}") from error
+    if problem or len(data) != header.get("transitions"):
+        raise ValueError(f"The demonstrations in {path} are damaged: {problem or 'transitions are missing'}.")
+    return data
+
+
+def demonstration_settings(path: str | Path) -> dict[str, Any]:
+    """The settings that demonstrations were saved with; errors as for :func:`load_demonstrations`."""
+    return _header(Path(path)).get("settings", {})
+
+
+def _header(path: Path) -> dict[str, Any]:
+    file = path / HEADER
+    if not file.is_file():
+        raise FileNotFoundError(f"{path} holds no demonstrations: there is no {HEADER}.")
+    try:
+        header = json.loads(file.read_text(encoding="utf-8"))
+        schema, version = header["schema"], header["version"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{file} is damaged: it does not name a schema and a version.") from error
+    if (schema, version) != (SCHEMA, VERSION):
+        raise ValueError(
+            f"{path} holds {schema!r} version {version!r}; this release reads {SCHEMA!r} version {VERSION}."
+        )
+    return header
+
+
+def _files(folder: Path) -> dict[str, int]:
+    """All files below a folder and their sizes in bytes."""
+    return {
+        file.relative_to(folder).as_posix(): file.stat().st_size for file in sorted(folder.rglob("*")) if file.is_file()
+    }
+
+
+def _problem(data: Any) -> str | None:
+    if not isinstance(data, TensorDict) or data.batch_dims != 1:
+        return "they are not a TensorDict with one batch dimension"
+    missing = sorted(ENTRIES - set(data.keys()))
+    if missing:
+        return f"they lack {', '.join(missing)}"
+    leaves = data.items(True, True, is_leaf=lambda kind: kind is not TensorDict)
+    foreign = [key for key, value in leaves if not isinstance(value, Tensor)]
+    return f"{foreign} are no tensors" if foreign else None

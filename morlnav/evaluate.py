@@ -10,9 +10,9 @@ from omegaconf import DictConfig, OmegaConf
 
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.data import preference_edges
-from morlnav.evaluation import evaluate_policy, evaluation_scenes, write_report
+from morlnav.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
 from morlnav.policy import load, load_config
-from morlnav.trainers import make_base_env
+from morlnav.trainers.builders import build, make_base_env
 
 
 def evaluate_run(directory: Path, output: Path | None = None, trust: bool = False, **changes: int) -> str:
@@ -31,9 +31,12 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
     cfg: DictConfig = load_config(directory)
     cfg.evaluation = OmegaConf.merge(cfg.evaluation, changes)
     env = make_base_env(cfg, num_envs=1)
+    scenes = evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes)
+    demonstrator = OmegaConf.select(cfg, "demonstrations.policy")
+    references = reference_paths(scenes, build(demonstrator), world=env.world) if demonstrator else None
     rollouts = evaluate_policy(
         policy,
-        evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes),
+        scenes,
         preference_edges(len(env.objectives), cfg.evaluation.steps),
         world=env.world,
         objectives=env.rewards,
@@ -41,7 +44,7 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
         max_steps=cfg.env.max_steps,
     )
     output = output or directory / "evaluation"
-    table = write_report(rollouts, output, rewards=tuple(env.rewards), world=env.world)
+    table = write_report(rollouts, output, rewards=tuple(env.rewards), world=env.world, references=references)
     print(table)
     print(f"Tables and figures are in {output}")
     return table

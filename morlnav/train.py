@@ -21,17 +21,21 @@ from morlnav.cli import conf_dir, one_sentence_errors, quiet
 from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
+from morlnav.trainers.drex import learn_demonstration_reward
 
 
 def run(cfg: DictConfig, directory: Path) -> str | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the table, or ``None`` if interrupted."""
     _check_device(cfg.device)
     torch.set_num_threads(cfg.threads)
-    torch.manual_seed(cfg.seed)
+    torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
     directory.mkdir(parents=True, exist_ok=True)
-    OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
     (directory / "versions.json").write_text(json.dumps(_versions(), indent=2))
-    trainer = make_trainer(cfg, directory, TensorboardCSVLogger("logs", directory))
+    logger = TensorboardCSVLogger("logs", directory)
+    learn_demonstration_reward(cfg, directory, logger)
+    OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
+    torch.manual_seed(cfg.seed)
+    trainer = make_trainer(cfg, directory, logger)
     if cfg.resume is not None:
         checkpoint = _checkpoint_of(Path(cfg.resume))
         trainer.load_from_file(checkpoint)

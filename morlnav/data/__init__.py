@@ -18,6 +18,7 @@ from morlnav.data.preferences import (
     preference_edges,
     simplex_grid,
 )
+from morlnav.data.ranking import SnippetPairs, roll_out_ranked
 
 __all__ = [
     "CornerWeightedPreferences",
@@ -27,11 +28,13 @@ __all__ = [
     "GridPreferences",
     "PreferenceSampler",
     "SegmentedPreferences",
+    "SnippetPairs",
     "UniformPreferences",
     "demonstration_settings",
     "load_demonstrations",
     "preference_edges",
     "record_demonstrations",
+    "roll_out_ranked",
     "save_demonstrations",
     "simplex_grid",
 ]

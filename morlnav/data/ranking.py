@@ -1,0 +1,103 @@
+"""Ranked roll-outs of a clone under growing noise, and snippets to compare (Sec. III-C)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor, nn
+from torchrl.envs import InitTracker, TransformedEnv
+
+from morlnav.envs import NavigationEnv
+
+
+def roll_out_ranked(
+    policy: Callable[[Tensor], Tensor],
+    make_env: Callable[[int], NavigationEnv],
+    make_noise: Callable[[Tensor], nn.Module],
+    levels: Sequence[float],
+    episodes: int,
+    max_steps: int = 250,
+) -> TensorDict:
+    """Drive a policy under every noise level, all side by side.
+
+    Args:
+        policy: maps observations ``[B, D]`` to actions ``[B, A]``.
+        make_env: builds an environment of this many episodes side by side.
+        make_noise: builds the noise for levels ``[B]``; called as ``noise(action, is_init)``.
+        levels: noise levels ε, ascending.
+        episodes: roll-outs per level.
+        max_steps: time limit.
+
+    Returns:
+        ``[levels, episodes, T]`` with ``observation``, ``action`` (as executed), ``reward`` ``[m]`` and ``mask``, true
+        for real steps.
+
+    Raises:
+        ValueError: if the levels do not ascend from 0 or more, or there are no episodes.
+    """
+    if list(levels) != sorted(set(levels)) or not levels or levels[0] < 0 or episodes < 1:
+        raise ValueError(f"Noise levels must ascend from 0 and need episodes, got {list(levels)} and {episodes}.")
+    count = len(levels) * episodes
+    env = TransformedEnv(make_env(count), InitTracker())
+    noise = make_noise(torch.tensor(levels).repeat_interleave(episodes))
+
+    def act(tensordict: TensorDict) -> TensorDict:
+        action = policy(tensordict["observation"])
+        return tensordict.set("action", noise(action, tensordict["is_init"]))
+
+    with torch.no_grad():
+        out = env.rollout(max_steps, act, break_when_any_done=False, break_when_all_done=True, auto_reset=True)
+    done = out["next", "done"].squeeze(-1).long()
+    mask = done.cumsum(1) - done == 0
+    data = TensorDict(
+        observation=out["observation"],
+        action=out["action"],
+        reward=out["next", "reward"],
+        mask=mask,
+        batch_size=out.batch_size,
+    )
+    return data.reshape(len(levels), episodes, -1)
+
+
+class SnippetPairs:
+    """Draws pairs of equally long snippets, the better one from roll-outs with less noise.
+
+    Starts are random and independent: D-REX's rule that the better snippet starts later would teach progress along the
+    path instead of its shape.
+
+    Args:
+        rollouts: ``[levels, episodes, T]`` from :func:`roll_out_ranked`, noise ascending.
+        length: steps of a snippet; ``None`` for whole roll-outs, padded and masked.
+
+    Raises:
+        ValueError: if there are fewer than two levels, or a level has no roll-out as long as a snippet.
+    """
+
+    def __init__(self, rollouts: TensorDict, length: int | None = 25) -> None:
+        self.rollouts, self.length = rollouts, length
+        self.steps = rollouts["mask"].sum(-1)
+        self.valid = (self.steps >= (length or 1)).float()
+        if len(rollouts) < 2:
+            raise ValueError("Ranking needs at least two noise levels.")
+        if not self.valid.any(1).all():
+            raise ValueError(f"A noise level has no roll-out of {length} steps; shorten the snippets.")
+
+    def sample(self, num: int) -> TensorDict:
+        """``num`` pairs: ``better`` and ``worse``, each with ``observation`` and ``action`` ``[num, L, ...]``."""
+        count = len(self.rollouts)
+        first = torch.randint(count, (num,))
+        other = (first + torch.randint(1, count, (num,))) % count
+        low, high = torch.minimum(first, other), torch.maximum(first, other)
+        return TensorDict(better=self._cut(low), worse=self._cut(high), batch_size=[num])
+
+    def _cut(self, level: Tensor) -> TensorDict:
+        episode = torch.multinomial(self.valid[level], 1).squeeze(-1)
+        rows = self.rollouts.select("observation", "action", "mask")
+        if self.length is None:
+            return rows[level, episode].auto_batch_size_(1)
+        room = self.steps[level, episode] - self.length + 1
+        start = (torch.rand(len(level)) * room).long()
+        time = start.unsqueeze(1) + torch.arange(self.length)
+        return rows[level.unsqueeze(1), episode.unsqueeze(1), time].auto_batch_size_(1)

@@ -1,0 +1,118 @@
+"""From a config to components: environment, networks, loss and replay, each built by one function."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from hydra.utils import instantiate
+from omegaconf import DictConfig, OmegaConf
+from tensordict.nn import TensorDictModule
+from torch import nn
+from torchrl.data import LazyTensorStorage
+from torchrl.envs import Compose, RewardScaling, RewardSum, StepCounter, TransformedEnv
+from torchrl.objectives import ValueEstimators
+
+from morlnav.data import PreferenceSampler
+from morlnav.envs import NavigationEnv
+from morlnav.objectives import MORLTD3Loss
+from morlnav.trainers.resume import PickleFreeReplayBuffer
+from morlnav.transforms import DrawPreference
+
+
+def build(node: DictConfig, **objects: Any) -> Any:
+    """Call a config's ``_target_`` with live objects, which OmegaConf cannot hold."""
+    try:
+        return instantiate(node, _partial_=True, _convert_="all")(**objects)
+    except TypeError as error:  # a value of the wrong kind, or an argument that the class does not have
+        raise ValueError(f"{node._target_} refuses its config: {error}") from error
+
+
+def make_base_env(cfg: DictConfig, num_envs: int | None = None, seed: int | None = None) -> NavigationEnv:
+    """The bare environment: world, scenes and objectives from the config."""
+    return NavigationEnv(
+        world=build(cfg.world, device=cfg.device),
+        scenes=build(cfg.env.scenes),
+        objectives=instantiate(cfg.objectives, _convert_="all"),
+        num_envs=num_envs if num_envs is not None else cfg.env.num_envs,
+        observe_human=cfg.env.observe_human,
+        seed=seed,
+    )
+
+
+def make_preferences(cfg: DictConfig, num_objectives: int) -> PreferenceSampler:
+    """The preference sampler for this many tuneable objectives."""
+    return instantiate(cfg.preferences, num_objectives=num_objectives)
+
+
+def make_env(cfg: DictConfig) -> TransformedEnv:
+    """The training environment: a preference per episode, a time limit, and returns."""
+    env = make_base_env(cfg, seed=cfg.seed)
+    sampler = make_preferences(cfg, len(env.objectives))
+    return TransformedEnv(env, Compose(StepCounter(cfg.env.max_steps), RewardSum(), DrawPreference(sampler)))
+
+
+def make_features(cfg: DictConfig, env: NavigationEnv) -> nn.Module:
+    """The module that every network looks at raw observations through."""
+    lidar = env.world.lidar
+    return build(
+        cfg.networks.features,
+        observe_human=env.observe_human,
+        lidar_range=lidar.max_range,
+        sectors=lidar.sectors,
+    )
+
+
+def make_networks(cfg: DictConfig, env: NavigationEnv) -> tuple[nn.Module, list[nn.Module]]:
+    """The actor and the twin critics as plain modules that fit the environment."""
+    shape = {
+        "num_preferences": len(env.objectives),
+        "action_low": env.world.robot.action_low.tolist(),
+        "action_high": env.world.robot.action_high.tolist(),
+    }
+    actor = build(cfg.networks.actor, **shape, features=make_features(cfg, env))
+    critics = [
+        build(
+            cfg.networks.critic,
+            **shape,
+            num_objectives=len(env.rewards),
+            features=make_features(cfg, env),
+        )
+        for _ in range(cfg.loss.num_qvalue_nets)
+    ]
+    return actor.to(env.device), [critic.to(env.device) for critic in critics]
+
+
+def make_loss(cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: list[nn.Module]) -> MORLTD3Loss:
+    """The loss with its angle term, interpolator and value estimator."""
+    settings = [key for key in cfg.loss if key not in LOSS_SETTINGS]
+    if cfg.loss.angle not in cfg.loss.angles:
+        raise ValueError(f"loss.angle must be one of {', '.join(cfg.loss.angles)}, got {cfg.loss.angle}.")
+    loss = build(
+        OmegaConf.masked_copy(cfg.loss, settings),
+        actor_network=actor,
+        qvalue_network=[
+            TensorDictModule(critic, in_keys=["observation", "preference", "action"], out_keys=["state_action_value"])
+            for critic in critics
+        ],
+        action_spec=env.action_spec_unbatched,
+        angle=instantiate(cfg.loss.angles[cfg.loss.angle]),
+        interpolator=instantiate(
+            cfg.loss.interpolator, num_objectives=len(env.objectives), num_static=env.num_static
+        ).to(env.device),
+    )
+    loss.make_value_estimator(ValueEstimators.TD0, gamma=float(cfg.loss.gamma))
+    return loss.to(env.device)
+
+
+LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction")
+
+
+def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
+    """Replay that stores each transition once and redraws its preference whenever it is sampled."""
+    relabel = build(cfg.replay.relabel, sampler=make_preferences(cfg, num_objectives))
+    scale = RewardScaling(loc=0.0, scale=cfg.replay.reward_scale, in_keys=[("next", "reward")])
+    return PickleFreeReplayBuffer(
+        storage=LazyTensorStorage(int(cfg.replay.capacity), device=cfg.device),
+        batch_size=cfg.trainer.batch_size,
+        transform=Compose(relabel, scale),
+    )

@@ -1,0 +1,50 @@
+import pytest
+import torch
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
+from torch import nn
+
+from morlnav.objectives import BehaviourCloningLoss
+from morlnav.trainers.supervised import fit
+
+BOUNDS = (-torch.ones(1), torch.ones(1))
+
+
+def regression(rows: int) -> TensorDict:
+    x = torch.rand(rows, 1)
+    return TensorDict(observation=x, action=0.5 * x - 0.2, batch_size=[rows])
+
+
+def make_loss() -> tuple[nn.Module, BehaviourCloningLoss]:
+    network = nn.Linear(1, 1)
+    return network, BehaviourCloningLoss(TensorDictModule(network, ["observation"], ["action"]), bounds=BOUNDS)
+
+
+def test_it_learns_a_linear_policy():
+    torch.manual_seed(0)
+    network, loss = make_loss()
+    scores = fit(loss, lambda: regression(64), regression(64), steps=400, lr=0.05, weight_decay=0.0, progress_bar=False)
+    assert scores["loss_bc"] < 1e-5
+    torch.testing.assert_close(network.weight.item(), 0.5, atol=0.02, rtol=0)
+
+
+def test_the_best_weights_are_kept_and_it_stops_early():
+    torch.manual_seed(0)
+    network, loss = make_loss()
+    calls = []
+
+    def misleading() -> TensorDict:  # trains away from the held-out data
+        calls.append(1)
+        data = regression(64)
+        return data.set("action", data["action"] + 10)
+
+    before = loss(held_out := regression(64))["loss_bc"].item()
+    scores = fit(loss, misleading, held_out, steps=500, interval=1, patience=3, progress_bar=False)
+    assert len(calls) < 500
+    assert loss(held_out)["loss_bc"].item() == pytest.approx(scores["loss_bc"])
+    assert scores["loss_bc"] >= before or network.bias.item() != 0
+
+
+def test_no_steps_are_refused():
+    with pytest.raises(ValueError, match="at least one step"):
+        fit(make_loss()[1], lambda: regression(4), regression(4), steps=0)

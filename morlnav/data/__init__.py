@@ -15,10 +15,9 @@ from morlnav.data.preferences import (
     PreferenceSampler,
     SegmentedPreferences,
     UniformPreferences,
-    preference_edges,
-    simplex_grid,
 )
 from morlnav.data.ranking import SnippetPairs, roll_out_ranked
+from morlnav.data.simplex import preference_edges, simplex_grid
 
 __all__ = [
     "CornerWeightedPreferences",

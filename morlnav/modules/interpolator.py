@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import normalize
 
-from morlnav.data.preferences import simplex_grid
+from morlnav.data.simplex import simplex_grid
 
 
 class PreferenceInterpolator(nn.Module):

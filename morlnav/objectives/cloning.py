@@ -10,6 +10,8 @@ from torchrl.data import Bounded
 from torchrl.objectives import BCLoss
 from torchrl.objectives.utils import distance_loss
 
+from morlnav.objectives.bounds import action_bounds
+
 LOSS_FUNCTIONS = ("l2", "smooth_l1")
 
 
@@ -58,15 +60,9 @@ class BehaviourCloningLoss(BCLoss):
     ) -> None:
         if loss_function not in LOSS_FUNCTIONS:
             raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
-        if (action_spec is None) == (bounds is None):
-            raise ValueError("Give exactly one of 'action_spec' and 'bounds'.")
         super().__init__(actor_network, loss_function=loss_function, reduction=reduction)
-        low, high = bounds if bounds is not None else (action_spec.space.low, action_spec.space.high)
-        half_range = (torch.as_tensor(high) - torch.as_tensor(low)) / 2
-        half_range = half_range.reshape(-1, half_range.shape[-1])[0]  # all environments share one action space
-        if (half_range <= 0).any():
-            raise ValueError("Every lower action bound must be below the upper one.")
-        self.register_buffer("half_range", half_range.to(next(self.parameters()).device))
+        low, high = action_bounds(action_spec, bounds, self.tensor_keys.action)
+        self.register_buffer("half_range", ((high - low) / 2).to(next(self.parameters()).device))
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

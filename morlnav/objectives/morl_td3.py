@@ -10,13 +10,14 @@ from tensordict import TensorDict, TensorDictBase, TensorDictParams, unravel_key
 from tensordict.nn import TensorDictModule, dispatch
 from tensordict.utils import NestedKey
 from torch import Tensor, nn
-from torchrl.data import Bounded, Composite, TensorSpec
+from torchrl.data import TensorSpec
 from torchrl.envs.utils import step_mdp
 from torchrl.objectives.common import LossModule
 from torchrl.objectives.utils import ValueEstimators, _vmap_func, distance_loss
 from torchrl.objectives.value import TD0Estimator
 
 from morlnav.objectives.angle import AngleTerm
+from morlnav.objectives.bounds import action_bounds
 from morlnav.objectives.scalarisation import LinearScalarisation
 
 LOSS_FUNCTIONS = ("l2", "l1", "smooth_l1")
@@ -156,26 +157,11 @@ class MORLTD3Loss(LossModule):
             create_target_params=delay_qvalue,
             compare_against=policy_params,
         )
-        low, high = self._action_bounds(action_spec, bounds)
+        low, high = action_bounds(action_spec, bounds, self.tensor_keys.action)
         device = next(self.parameters()).device
         self.register_buffer("min_action", low.to(device))
         self.register_buffer("max_action", high.to(device))
         self._make_vmap()
-
-    def _action_bounds(self, action_spec: TensorSpec | None, bounds: tuple | None) -> tuple[Tensor, Tensor]:
-        if (action_spec is None) == (bounds is None):
-            raise ValueError("Give exactly one of 'action_spec' and 'bounds'.")
-        if bounds is None:
-            if isinstance(action_spec, Composite):
-                action_spec = action_spec[self.tensor_keys.action]
-            if not isinstance(action_spec, Bounded):
-                raise ValueError(f"action_spec must be Bounded, got {type(action_spec).__name__}.")
-            space = action_spec.space
-            bounds = space.low.reshape(-1, space.low.shape[-1])[0], space.high.reshape(-1, space.high.shape[-1])[0]
-        low, high = (torch.as_tensor(bound, dtype=torch.get_default_dtype()).clone() for bound in bounds)
-        if (low >= high).any():
-            raise ValueError("Every lower action bound must be below the upper one.")
-        return low, high
 
     def _make_vmap(self) -> None:
         self._vmap_qvalue_network00 = _vmap_func(

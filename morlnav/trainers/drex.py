@@ -29,7 +29,7 @@ def stage_directory(cfg: DictConfig, *groups: str) -> Path:
 
 
 def learn_demonstration_reward(cfg: DictConfig, directory: Path, logger: Logger | None = None) -> None:
-    """Learn the reward of the objective ``demo``, if there is one without a model, and keep it in ``directory/reward.pt``.
+    """Learn the reward of the objective ``demo`` if it has no model yet; keep it in ``directory/reward.pt``.
 
     Writes the model's place into ``cfg``.
     """

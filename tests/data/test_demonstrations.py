@@ -224,7 +224,7 @@ def test_impossible_numbers_are_refused(options):
 
 def test_the_config_records_with_the_same_defaults():
     with initialize_config_dir(conf_dir(), version_base="1.3"):
-        cfg = compose("train", ["+demonstrations=oracle", "demonstrations.num=2"])
+        cfg = compose("train", ["demonstrations.num=2"])
     build = instantiate(cfg.demonstrations, _partial_=True, _convert_="all")
     assert build.keywords["disturbance"] == Disturbance()
     assert vars(build.keywords["policy"]).keys() == vars(CircumnavigationOracle()).keys()

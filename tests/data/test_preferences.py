@@ -6,7 +6,7 @@ import pytest
 import torch
 from scipy.stats import kstest
 
-from morlnav.data.preferences import (
+from morlnav.data import (
     CornerWeightedPreferences,
     DirichletPreferences,
     FixedPreferences,

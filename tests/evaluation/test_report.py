@@ -2,7 +2,7 @@ import pandas as pd
 import pytest
 import torch
 
-from morlnav.data.preferences import preference_edges
+from morlnav.data import preference_edges
 from morlnav.envs import Efficiency, default_objectives
 from morlnav.evaluation import evaluate_policy, evaluation_scenes, hypervolume, write_report
 from morlnav.evaluation.report import default_reference, front_table

@@ -5,7 +5,7 @@ import torch
 from scipy.interpolate import RBFInterpolator
 from torch.nn.functional import normalize
 
-from morlnav.data.preferences import UniformPreferences, preference_edges, simplex_grid
+from morlnav.data import UniformPreferences, preference_edges, simplex_grid
 from morlnav.modules.interpolator import PreferenceInterpolator
 
 CORNERS = torch.eye(2)

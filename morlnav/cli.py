@@ -34,6 +34,8 @@ def one_sentence_errors() -> Iterator[None]:
     """Turn a user's mistake into one sentence on standard error and exit status 1."""
     try:
         yield
+    except KeyboardInterrupt:
+        sys.exit("Interrupted.")
     except InstantiationException as error:
         sys.exit(_first_line(error.__cause__ or error))
     except MissingConfigException as error:

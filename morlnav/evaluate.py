@@ -7,12 +7,14 @@ from pathlib import Path
 
 import torch
 from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
 
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.data import preference_edges
 from morlnav.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
 from morlnav.policy import load, load_config
 from morlnav.trainers.builders import build, make_base_env
+from morlnav.world import Scene, World
 
 
 def evaluate_run(directory: Path, output: Path | None = None, trust: bool = False, **changes: int) -> str:
@@ -32,8 +34,6 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
     cfg.evaluation = OmegaConf.merge(cfg.evaluation, changes)
     env = make_base_env(cfg, num_envs=1)
     scenes = evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes)
-    demonstrator = OmegaConf.select(cfg, "demonstrations.policy")
-    references = reference_paths(scenes, build(demonstrator), world=env.world) if demonstrator else None
     rollouts = evaluate_policy(
         policy,
         scenes,
@@ -44,10 +44,23 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
         max_steps=cfg.env.max_steps,
     )
     output = output or directory / "evaluation"
+    references = _references(cfg, scenes, env.world)
     table = write_report(rollouts, output, rewards=tuple(env.rewards), world=env.world, references=references)
     print(table)
     print(f"Tables and figures are in {output}")
     return table
+
+
+def _references(cfg: DictConfig, scenes: Scene, world: World) -> list[Tensor] | None:
+    """Paths of the demonstrator, to measure the Fréchet distance to, if it can drive in this world."""
+    demonstrator = OmegaConf.select(cfg, "demonstrations.policy")
+    if demonstrator is None:
+        return None
+    try:
+        return reference_paths(scenes, build(demonstrator), world=world)
+    except ValueError as error:
+        print(f"No Fréchet distances to the demonstration: {error}")
+        return None
 
 
 def main() -> None:

@@ -40,7 +40,6 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
         checkpoint = _checkpoint_of(Path(cfg.resume))
         trainer.load_from_file(checkpoint)
         print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
-
         if cfg.trainer.progress_bar:
             trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
 
@@ -59,6 +58,8 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
         if trainer.collected_frames < trainer.total_frames:
             trainer.train()
     finally:
+        if cfg.trainer.progress_bar and hasattr(trainer, "_pbar"):
+            trainer._pbar.close()  # or its last line would run into the table
         for number, handler in handlers.items():
             signal.signal(number, handler)
     if interrupted and trainer.collected_frames < trainer.total_frames:

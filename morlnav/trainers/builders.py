@@ -104,7 +104,7 @@ def make_loss(cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: li
     return loss.to(env.device)
 
 
-LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction")
+LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction", "action_penalty_start")
 
 
 def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.data import preference_edges
-from morlnav.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
+from morlnav.evaluation import default_reference, evaluate_policy, evaluation_scenes, reference_paths, write_report
 from morlnav.policy import load, load_config
 from morlnav.trainers.builders import build, make_base_env
 from morlnav.world import Scene, World
@@ -45,7 +45,14 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
     )
     output = output or directory / "evaluation"
     references = _references(cfg, scenes, env.world)
-    table = write_report(rollouts, output, rewards=tuple(env.rewards), world=env.world, references=references)
+    table = write_report(
+        rollouts,
+        output,
+        rewards=tuple(env.rewards),
+        world=env.world,
+        references=references,
+        reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
+    )
     print(table)
     print(f"Tables and figures are in {output}")
     return table
@@ -57,7 +64,7 @@ def _references(cfg: DictConfig, scenes: Scene, world: World) -> list[Tensor] | 
     if demonstrator is None:
         return None
     try:
-        return reference_paths(scenes, build(demonstrator), world=world)
+        return reference_paths(scenes, build(demonstrator), world=world, max_steps=cfg.env.max_steps)
     except ValueError as error:
         print(f"No Fréchet distances to the demonstration: {error}")
         return None

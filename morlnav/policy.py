@@ -46,8 +46,8 @@ def save(actor: nn.Module, directory: str | Path) -> None:
     torch.save(actor.state_dict(), Path(directory) / POLICY_FILE)
 
 
-def load_config(directory: str | Path) -> DictConfig:
-    """The config of a run.
+def load_config(directory: str | Path, device: str = "cpu") -> DictConfig:
+    """The config of a run, for use on ``device`` wherever it was trained.
 
     Raises:
         FileNotFoundError: if the directory holds no run.
@@ -56,19 +56,21 @@ def load_config(directory: str | Path) -> DictConfig:
     if not path.is_file():
         raise FileNotFoundError(f"{directory} is not a run directory: it holds no {CONFIG_FILE}.")
     cfg = OmegaConf.load(path)
+    cfg.device = device
     reward = path.parent / "reward.pt"
     if OmegaConf.select(cfg, "objectives.demo.reward.path") is not None and reward.is_file():
         cfg.objectives.demo.reward.path = str(reward)  # the run directory may have moved
     return cfg
 
 
-def load(directory: str | Path, trust: bool = False) -> Policy:
+def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Policy:
     """Load the policy of a run directory.
 
     Args:
         directory: where a run wrote its ``config.yaml`` and ``policy.pt``.
         trust: also build classes from outside ``morlnav`` and ``torch`` that the config names. Only for runs of your
             own: building a class runs its code.
+        device: where to put it, wherever it was trained.
 
     Returns:
         The averaged actor in evaluation mode.
@@ -82,7 +84,7 @@ def load(directory: str | Path, trust: bool = False) -> Policy:
         >>> policy.objectives  # doctest: +SKIP
         ('distance', 'efficiency')
     """
-    cfg = load_config(directory)
+    cfg = load_config(directory, device)
     if not trust:
         check_targets(cfg)
     path = Path(directory) / POLICY_FILE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -93,7 +94,10 @@ def _checkpoint_of(path: Path) -> Path:
 def _versions() -> dict[str, str]:
     names = ("morlnav", "torch", "torchrl", "tensordict", "gymnasium", "hydra-core", "pymunk", "numpy", "scipy")
     versions = {name: version(name) for name in names} | {"python": sys.version.split()[0]}
-    git = ["git", "-C", str(Path(__file__).parent)]
+    checkout = Path(__file__).parents[1]
+    if shutil.which("git") is None or not (checkout / ".git").exists():
+        return versions
+    git = ["git", "-C", str(checkout)]
     commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, check=False)
     if commit.returncode == 0:
         dirty = subprocess.run([*git, "status", "--porcelain"], capture_output=True, text=True, check=False)
@@ -103,12 +107,14 @@ def _versions() -> dict[str, str]:
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> None:
-    run(cfg, Path(HydraConfig.get().runtime.output_dir))
+    if run(cfg, Path(HydraConfig.get().runtime.output_dir)) is None:
+        sys.exit(130)  # interrupted: a sweep ends here too
 
 
 def main() -> None:
     """Entry point; ``resume=DIR`` continues in the directory it names, with the overrides the run began with."""
     quiet()
+    sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder
     resume = [word.split("=", 1)[1].strip("'\"") for word in sys.argv[1:] if word.startswith("resume=")]
     if resume:
         directory = Path(resume[-1])
@@ -120,7 +126,9 @@ def main() -> None:
         words = [word for word in words if not word.startswith("resume=")]
         # Quoted, for the runs of a sweep have "=" and "," in their names.
         sys.argv[1:] = [*words, f"resume='{resume[-1]}'", f"hydra.run.dir='{directory}'"]
-    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # errors reach us instead of Hydra's own report
+    if "HYDRA_FULL_ERROR" in os.environ:  # a developer wants the traceback
+        return _main()
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us instead of Hydra's own report
     with one_sentence_errors():
         _main()
 

@@ -41,8 +41,8 @@ def save_reward(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
     text = json.dumps(description, indent=2)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    torch.save(model.state_dict(), path)
     path.with_suffix(".json").write_text(text + "\n")
+    torch.save(model.state_dict(), path)  # last: where the weights are, the rest is
 
 
 def load_reward(path: str | Path, device: torch.device | str = "cpu") -> nn.Module:

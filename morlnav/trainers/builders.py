@@ -18,6 +18,8 @@ from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
+LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction", "action_penalty_start")
+
 
 def build(node: DictConfig, **objects: Any) -> Any:
     """Call a config's ``_target_`` with live objects, which OmegaConf cannot hold."""
@@ -102,9 +104,6 @@ def make_loss(cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: li
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=float(cfg.loss.gamma))
     return loss.to(env.device)
-
-
-LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction", "action_penalty_start")
 
 
 def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:

@@ -43,7 +43,7 @@ def learn_demonstration_reward(cfg: DictConfig, directory: Path, logger: Logger 
     cfg.objectives.demo.reward.path = str(path)
 
 
-STAGES = ("world", "env", "demonstrations", "clone", "ranking")
+STAGES = ("world", "env", "demonstrations", "networks.features", "clone", "ranking")
 
 
 def _reward_file(cfg: DictConfig) -> Path:
@@ -57,13 +57,16 @@ def make_demonstrations(cfg: DictConfig) -> TensorDict:
         data, tries = build(
             cfg.demonstrations, sampler=build(cfg.env.scenes), world=build(cfg.world, device=cfg.device)
         )
-        save_demonstrations(data, path, {"tries": tries})
+        unfinished = path.with_suffix(".part")
+        save_demonstrations(data, unfinished, {"tries": tries})
+        unfinished.rename(path)
     return load_demonstrations(path)
 
 
 def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | None = None) -> nn.Module:
     """Clone the demonstrator by regression on its clean actions, or load the clone from the cache."""
-    path = stage_directory(cfg, *STAGES[:4]).with_suffix(".pt")
+    path = stage_directory(cfg, *STAGES[:5]).with_suffix(".pt")
+    torch.manual_seed(cfg.seed)  # the same clone whether or not an earlier stage came from the cache
     env = make_bare_env(cfg, 1)
     low, high = env.world.robot.action_low, env.world.robot.action_high
     actor = build(
@@ -125,6 +128,7 @@ def train_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None = None
     path = _reward_file(cfg)
     if path.exists():
         return load_reward(path)
+    torch.manual_seed(cfg.seed)
     rollouts = make_ranked_rollouts(cfg, clone)
     settings, env = cfg.ranking, make_bare_env(cfg, 1)
     split = max(1, int((1 - settings.held_out) * settings.episodes))

@@ -37,7 +37,7 @@ class EvaluatePolicy(TrainerHookBase):
         frames: int,
         max_steps: int,
     ) -> None:
-        self.policy, self.env, self.scenes, self.preferences = policy, env, scenes, preferences
+        self.policy, self.env, self.scenes, self.preferences = policy, env, scenes, preferences.to(env.device)
         self.loss, self.frames, self.max_steps = loss, frames, max_steps
         self.last = 0
 

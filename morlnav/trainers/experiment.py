@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -85,7 +86,7 @@ def _check(cfg: DictConfig) -> None:
 
 
 def _num_batches(cfg: DictConfig) -> int:
-    return max(1, cfg.trainer.total_frames // cfg.trainer.frames_per_batch)
+    return max(1, math.ceil(cfg.trainer.total_frames / cfg.trainer.frames_per_batch))
 
 
 def _make_exploration(cfg: DictConfig, env: TransformedEnv) -> AdditiveGaussianModule:
@@ -133,7 +134,8 @@ def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, nois
     StepExploration(noise).register(trainer)
     frames = int(cfg.loss.gamma_fraction * cfg.trainer.total_frames)
     AnnealDiscount(loss, cfg.loss.gamma_start, cfg.loss.gamma, frames).register(trainer)
-    DelayActionPenalty(loss, int(cfg.loss.action_penalty_start * cfg.trainer.total_frames)).register(trainer)
+    frames = int(cfg.loss.action_penalty_start * cfg.trainer.total_frames) + cfg.trainer.frames_per_batch
+    DelayActionPenalty(loss, frames).register(trainer)
     EvaluatePolicy(
         stepper.average.module,
         base,

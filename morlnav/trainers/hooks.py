@@ -35,7 +35,7 @@ class AnnealDiscount(TrainerHookBase):
 
     def __init__(self, loss: LossModule, start: float, end: float, frames: int) -> None:
         if not 0 <= start <= end <= 1:
-            raise ValueError(f"Discounts need 0 <= start <= end <= 1, got start={start} and end={end}.")
+            raise ValueError(f"Discounts need 0 <= gamma_start <= gamma <= 1, got gamma_start={start} and gamma={end}.")
         self.loss, self.start, self.end, self.frames = loss, start, end, frames
 
     @staticmethod
@@ -65,11 +65,11 @@ class AnnealDiscount(TrainerHookBase):
 
 
 class DelayActionPenalty(TrainerHookBase):
-    """Switch a loss's action penalty on only after ``frames``: refined steering, but not at the cost of learning to avoid.
+    """Switch a loss's action penalty on late, so that quiet steering does not stand in the way of learning to avoid.
 
     Args:
         loss: loss module with an ``action_penalty`` buffer, whose value is kept for later.
-        frames: environment steps without the penalty.
+        frames: environment steps from which on it holds.
     """
 
     def __init__(self, loss: LossModule, frames: int) -> None:
@@ -78,7 +78,7 @@ class DelayActionPenalty(TrainerHookBase):
 
     def __call__(self) -> None:
         """Set the penalty for the coming optimisation steps."""
-        self.loss.action_penalty.copy_(self.penalty * (self.trainer.collected_frames > self.frames))
+        self.loss.action_penalty.copy_(self.penalty * (self.trainer.collected_frames >= self.frames))
 
     def register(self, trainer: Trainer, name: str = "delay_action_penalty") -> None:
         """Register before every round of optimisation steps."""
@@ -94,10 +94,10 @@ class DelayActionPenalty(TrainerHookBase):
 
 
 class StepExploration(TrainerHookBase):
-    """Anneal the exploration noise with the frames collected.
+    """Anneal the exploration noise, one step per collected batch.
 
     Args:
-        module: exploration module with ``step(frames)``.
+        module: exploration module with ``step``; its state is saved with the collector's policy.
     """
 
     def __init__(self, module: torch.nn.Module) -> None:
@@ -113,12 +113,11 @@ class StepExploration(TrainerHookBase):
         trainer.register_op("batch_process", self)
 
     def state_dict(self) -> dict[str, Any]:
-        """State of the exploration module."""
-        return self.module.state_dict()
+        """Nothing: the noise is part of the collector's policy."""
+        return {}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restore the exploration module."""
-        self.module.load_state_dict(state_dict)
+        """Nothing to load."""
 
 
 class LogEpisodes(TrainerHookBase):
@@ -149,7 +148,7 @@ class LogEpisodes(TrainerHookBase):
                     returns,
                     (weights * returns).sum(-1, keepdim=True),
                     *(outcome.get(name).to(returns.dtype) for name in ("goal", "human", "box")),
-                    episodes.get("truncated").to(returns.dtype),
+                    (episodes.get("truncated") & ~episodes.get("terminated")).to(returns.dtype),
                     episodes.get("step_count").to(returns.dtype),
                 ],
                 -1,

@@ -70,7 +70,7 @@ class HindsightPreferenceRelabel(Transform):
         if self.num_relabels > 1:
             tensordict = torch.stack([tensordict] * self.num_relabels, tensordict.ndim)
         own = tensordict.get(self.preference_key)
-        fresh = self.sampler(*tensordict.batch_size, device=own.device).to(own.dtype)
+        fresh = self.sampler(tensordict.numel(), device=own.device).to(own.dtype).reshape(own.shape)
         redraw = torch.rand(tensordict.batch_size, device=own.device) < self.share
         preference = torch.where(expand_right(redraw, own.shape), fresh, own)
         return tensordict.set(self.preference_key, preference).set(self.next_key, preference)

@@ -78,7 +78,7 @@ def test_a_run_leaves_everything_behind(smoke_run):
     files += [f"evaluation/{name}.csv" for name in ("episodes", "summary", "fidelity", "front")]
     for name in files:
         assert (smoke_run / name).stat().st_size > 0, name
-    assert json.loads((smoke_run / "versions.json").read_text())["torch"] == torch.__version__
+    assert torch.__version__.startswith(json.loads((smoke_run / "versions.json").read_text())["torch"])
     assert len(list((smoke_run / "checkpoints").glob("checkpoint-*"))) == 2
     assert list((smoke_run / "logs").rglob("events.out.tfevents.*"))
 
@@ -336,14 +336,15 @@ def test_a_wrong_value_ends_in_one_sentence(override, sentence, tmp_path):
     ("override", "words"),
     [
         ("loss.angle=wrong", ["loss.angle must be one of none, safe, paper, got wrong."]),
-        ("world=nosuch", ["Could not find 'world/nosuch'", "pymunk", "tensor"]),
-        ("trainer.batchsize=3", ["Could not override 'trainer.batchsize'"]),
-        ("nosuch=3", ["nosuch"]),
+        ("world=nosuch", ["There is no world/nosuch; choose from: pymunk, tensor."]),
+        ("trainer.batchsize=3", ["There is no batchsize in trainer; choose from: ", "batch_size"]),
+        ("nosuch=3", ["There is no nosuch in the config; choose from: world, "]),
         ("resume=nowhere", ["resume=nowhere: no run of morlnav-train there."]),
     ],
 )
 def test_the_command_line_names_a_mistake_and_the_choices(override, words, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(sys, "argv", ["morlnav-train", *SMALL, f"hydra.run.dir='{tmp_path}'", override])
+    monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
     with pytest.raises(SystemExit) as error:
         morlnav.train.main()
     assert error.value.code not in (0, None)

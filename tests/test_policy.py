@@ -4,8 +4,8 @@ import shutil
 
 import pytest
 import torch
-from conftest import configure, trainer_for
 from omegaconf import OmegaConf
+from support import configure, trainer_for
 from torchrl.checkpoint import CheckpointRotation
 
 import morlnav

@@ -5,7 +5,7 @@ import pytest
 import torch
 from matplotlib.patches import Circle, Rectangle
 
-from morlnav.data.preferences import preference_edges
+from morlnav.data import preference_edges
 from morlnav.envs import Efficiency, default_objectives
 from morlnav.evaluation import compare_extremes, episode_metrics, evaluate_policy, evaluation_scenes, overall, summarise
 from morlnav.record.plots import blend, edge_order, plot_metrics, plot_trajectories

@@ -1,6 +1,6 @@
 import pytest
 import torch
-from conftest import configure
+from support import configure
 
 from morlnav import load
 from morlnav.modules import read_facts

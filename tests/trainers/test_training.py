@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import torch
-from conftest import SMALL, configure, trainer_for
+from support import SMALL, configure, trainer_for
 from torchrl.checkpoint import CheckpointRotation
 
 import morlnav.train

@@ -1,0 +1,29 @@
+"""Composing configs as the command line does, for several tests."""
+
+import torch
+from hydra import compose, initialize_config_dir
+
+from morlnav.cli import conf_dir
+from morlnav.record.loggers import TensorboardCSVLogger
+from morlnav.trainers import make_trainer
+
+SMALL = (
+    "trainer=smoke",
+    "threads=1",
+    "trainer.progress_bar=false",
+    "networks.actor.num_cells=32",
+    "networks.critic.num_cells=32",
+    "replay.capacity=4096",
+)
+
+
+def configure(*overrides):
+    """The config of ``morlnav-train trainer=smoke OVERRIDES`` with small networks and a small replay buffer."""
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        return compose("train", [*SMALL, *overrides])
+
+
+def trainer_for(cfg, directory):
+    """The seeded trainer of a config."""
+    torch.manual_seed(cfg.seed)
+    return make_trainer(cfg, directory, TensorboardCSVLogger("logs", directory))

@@ -33,7 +33,7 @@ def rollouts():
         action=action,
         reward=reward,
         steps=torch.tensor([[4], [2]]),
-        duration=torch.tensor([[0.8, 0.4]]),
+        duration=torch.tensor([[0.8], [0.4]]),
         outcome=torch.tensor([[Outcome.GOAL], [Outcome.BOX]]),
         preference=torch.tensor([[[0.3, 0.7]], [[1.0, 0.0]]]),
         scene=scene.expand(2, 1),

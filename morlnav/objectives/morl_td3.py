@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,10 +30,9 @@ class MORLTD3Loss(LossModule):
 
         y        = r + γ·Q_k(s', ã, λ),   k = argmin_i wᵀQ_i(s', ã, λ)      (the whole vector of one twin)
         L_critic = Σ_i ℓ(Q_i(s, a, λ), y) + c_critic·g(λ_p, Q_i)
-        L_actor  = -wᵀQ_1(s, π(s, λ), λ) + c_actor·g(λ_p, Q_1) + c_a·|u|²
+        L_actor  = -wᵀQ_1(s, π(s, λ), λ) + c_actor·g(λ_p, Q_1)
 
-    with ``u`` the action scaled to ``[-1, 1]``. It is a drop-in for :class:`torchrl.objectives.TD3Loss`: same
-    arguments, keys, metadata and target parameters.
+    It is a drop-in for :class:`torchrl.objectives.TD3Loss`: same arguments, keys, metadata and target parameters.
 
     Args:
         actor_network: writes ``action`` from ``observation`` and ``preference``.
@@ -51,8 +49,6 @@ class MORLTD3Loss(LossModule):
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
         angle: the angle term; ``None`` leaves it out.
         interpolator: maps λ to a value direction ``λ_p`` ``[..., m]``; without one, ``λ_p`` is the weight vector.
-        action_penalty: ``c_a``, one number or one per action entry. A little of it on a steering command keeps the
-            actor from chattering between its limits where the critic is nearly flat; 0 is the paper's form.
         separate_losses: keep critic gradients off parameters shared with the actor.
         reduction: ``"mean"``, ``"sum"`` or ``"none"`` over the batch.
         deactivate_vmap: loop over critics instead of ``vmap``.
@@ -129,7 +125,6 @@ class MORLTD3Loss(LossModule):
         scalarisation: nn.Module | None = None,
         angle: AngleTerm | None = None,
         interpolator: nn.Module | None = None,
-        action_penalty: float | Sequence[float] = 0.0,
         separate_losses: bool = False,
         reduction: str | None = None,
         deactivate_vmap: bool = False,
@@ -166,7 +161,6 @@ class MORLTD3Loss(LossModule):
         device = next(self.parameters()).device
         self.register_buffer("min_action", low.to(device))
         self.register_buffer("max_action", high.to(device))
-        self.register_buffer("action_penalty", torch.as_tensor(action_penalty, device=device), persistent=False)
         self._make_vmap()
 
     def _make_vmap(self) -> None:
@@ -242,8 +236,6 @@ class MORLTD3Loss(LossModule):
         with self._first_critic_params.to_module(self.qvalue_network, preserve_module_state=False):
             value = self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
         loss = -(self._weights(tensordict, value.shape[-1]) * value).sum(-1)
-        unit = 2 * (acted.get(self.tensor_keys.action) - self.min_action) / (self.max_action - self.min_action) - 1
-        loss = loss + (self.action_penalty * unit.square()).sum(-1)
         metadata = {"state_action_value_actor": value.detach()}
         if self.angle is not None:
             angle = self._angles(tensordict, value)

@@ -3,13 +3,12 @@
 from morlnav.trainers.builders import make_base_env, make_env, make_loss, make_networks, make_preferences, make_replay
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.experiment import make_trainer
-from morlnav.trainers.hooks import AnnealDiscount, DelayActionPenalty, LogEpisodes, LogOptimisation, StepExploration
+from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.resume import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
 __all__ = [
     "AnnealDiscount",
-    "DelayActionPenalty",
     "EvaluatePolicy",
     "LogEpisodes",
     "LogOptimisation",

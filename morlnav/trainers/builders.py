@@ -18,7 +18,7 @@ from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
-LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction", "action_penalty_start")
+LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction")
 
 
 def build(node: DictConfig, **objects: Any) -> Any:

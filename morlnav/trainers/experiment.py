@@ -23,7 +23,7 @@ from morlnav.evaluation import evaluation_scenes
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.builders import build, make_env, make_loss, make_networks, make_replay
 from morlnav.trainers.evaluator import EvaluatePolicy
-from morlnav.trainers.hooks import AnnealDiscount, DelayActionPenalty, LogEpisodes, LogOptimisation, StepExploration
+from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.resume import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
@@ -134,8 +134,6 @@ def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, nois
     StepExploration(noise).register(trainer)
     frames = int(cfg.loss.gamma_fraction * cfg.trainer.total_frames)
     AnnealDiscount(loss, cfg.loss.gamma_start, cfg.loss.gamma, frames).register(trainer)
-    frames = int(cfg.loss.action_penalty_start * cfg.trainer.total_frames) + cfg.trainer.frames_per_batch
-    DelayActionPenalty(loss, frames).register(trainer)
     EvaluatePolicy(
         stepper.average.module,
         base,

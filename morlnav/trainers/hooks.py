@@ -64,35 +64,6 @@ class AnnealDiscount(TrainerHookBase):
         """Nothing to load."""
 
 
-class DelayActionPenalty(TrainerHookBase):
-    """Switch a loss's action penalty on late, so that quiet steering does not stand in the way of learning to avoid.
-
-    Args:
-        loss: loss module with an ``action_penalty`` buffer, whose value is kept for later.
-        frames: environment steps from which on it holds.
-    """
-
-    def __init__(self, loss: LossModule, frames: int) -> None:
-        self.loss, self.frames = loss, frames
-        self.penalty = loss.action_penalty.clone()
-
-    def __call__(self) -> None:
-        """Set the penalty for the coming optimisation steps."""
-        self.loss.action_penalty.copy_(self.penalty * (self.trainer.collected_frames >= self.frames))
-
-    def register(self, trainer: Trainer, name: str = "delay_action_penalty") -> None:
-        """Register before every round of optimisation steps."""
-        self.trainer = trainer
-        trainer.register_op("pre_optim_steps", self)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing: the penalty follows from the number of frames."""
-        return {}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Nothing to load."""
-
-
 class StepExploration(TrainerHookBase):
     """Anneal the exploration noise, one step per collected batch.
 

@@ -27,7 +27,12 @@ def find_reward(path: Path) -> Path:
 
 
 def audit_run(
-    path: Path, output: Path | None = None, num_scenes: int = 100, scene_seed: int = 0, **settings: Any
+    path: Path,
+    output: Path | None = None,
+    num_scenes: int = 100,
+    scene_seed: int = 0,
+    quiet: bool = False,
+    **settings: Any,
 ) -> Audit:
     """Audit a saved reward, write tables and figures to ``output``, and the verdict into the reward's facts.
 
@@ -36,6 +41,7 @@ def audit_run(
         output: where results go; ``audit`` beside the model by default.
         num_scenes: held-out scenes.
         scene_seed: of the scenes.
+        quiet: do not print the report.
         settings: arguments of :func:`~morlnav.evaluation.audit_reward`, such as ``offset=1.0``.
 
     Returns:
@@ -52,8 +58,9 @@ def audit_run(
         reward, scenes=evaluation_scenes(num_scenes, seed=scene_seed), observe_human=all(sees), **settings
     )
     output = output or file.parent / "audit"
-    print(write_audit(audit, output))
-    print(f"Tables and figures are in {output}")
+    report = write_audit(audit, output)
+    if not quiet:
+        print(f"{report}\nTables and figures are in {output}")
     verdict = {"settings": {"num_scenes": num_scenes, "scene_seed": scene_seed, **settings}, **audit.summary()}
     save_reward(reward, file, {**read_facts(file)["facts"], "audit": verdict})
     return audit

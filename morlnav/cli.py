@@ -14,6 +14,7 @@ from hydra import compose, initialize_config_dir
 from hydra.errors import ConfigCompositionException, HydraException, InstantiationException, MissingConfigException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from tqdm import tqdm
 
 
 def conf_dir() -> str:
@@ -60,3 +61,11 @@ def _unknown_key(key: str) -> str:
         return f"There is no {key} in the config, for there is no {parent} that could hold it."
     where = f"in {parent}" if parent else "in the config"
     return f"There is no {name} {where}; choose from: {', '.join(map(str, node))} (or add it as +{key}=VALUE)."
+
+
+@contextmanager
+def stage(name: str, show: bool, cached: bool = False) -> Iterator[None]:
+    """One line of the progress display: the stage's name, and the time it took or that it came from the cache."""
+    with tqdm(desc=name, bar_format="{desc}: {elapsed}{postfix}", disable=not show) as line:
+        line.set_postfix_str("from the cache" if cached else "")
+        yield

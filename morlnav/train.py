@@ -18,7 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from morlnav import policy as policies
-from morlnav.cli import conf_dir, one_sentence_errors, quiet
+from morlnav.cli import conf_dir, one_sentence_errors, quiet, stage
 from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
@@ -68,7 +68,8 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
         return None
     policies.save(trainer.checkpoint.components["average"].module, directory)
     print(f"\nTrained for {(time.perf_counter() - start) / 60:.1f} minutes.")
-    table = evaluate_run(directory, trust=True)
+    with stage("evaluation", cfg.trainer.progress_bar):
+        table = evaluate_run(directory, trust=True)
     print(f"Everything is in {directory}")
     return table
 

@@ -18,7 +18,9 @@ SMALL = (
 
 
 def configure(*overrides):
-    """The config of ``morlnav-train trainer=smoke OVERRIDES`` with small networks and a small replay buffer."""
+    """The config of ``morlnav-train trainer=smoke OVERRIDES``, small, and without demonstrations unless asked for."""
+    if not any(override.startswith("objectives=") for override in overrides):
+        overrides = ("objectives=[baseline,distance,efficiency]", *overrides)
     with initialize_config_dir(conf_dir(), version_base="1.3"):
         return compose("train", [*SMALL, *overrides])
 

@@ -25,7 +25,7 @@ def roll_out_ranked(
     Args:
         policy: maps observations ``[B, D]`` to actions ``[B, A]``.
         make_env: builds an environment of this many episodes side by side.
-        make_noise: builds the noise for levels ``[B]``; called as ``noise(action, is_init)``.
+        make_noise: builds the noise for levels ``[B]``; called as ``noise(action, is_init, observation)``.
         levels: noise levels ε, ascending.
         episodes: roll-outs per level.
         max_steps: time limit.
@@ -45,7 +45,7 @@ def roll_out_ranked(
 
     def act(tensordict: TensorDict) -> TensorDict:
         action = policy(tensordict["observation"])
-        return tensordict.set("action", noise(action, tensordict["is_init"]))
+        return tensordict.set("action", noise(action, tensordict["is_init"], tensordict["observation"]))
 
     with torch.no_grad():
         out = env.rollout(max_steps, act, break_when_any_done=False, break_when_all_done=True, auto_reset=True)
@@ -65,7 +65,7 @@ class SnippetPairs:
     """Draws pairs of equally long snippets, the better one from roll-outs with less noise.
 
     Starts are random and independent: D-REX's rule that the better snippet starts later would teach progress along the
-    path instead of its shape.
+    path instead of its shape. Snippets of a second tell where on the path a robot went astray; long ones blur that.
 
     Args:
         rollouts: ``[levels, episodes, T]`` from :func:`roll_out_ranked`, noise ascending.
@@ -75,7 +75,7 @@ class SnippetPairs:
         ValueError: if there are fewer than two levels, or a level has no roll-out as long as a snippet.
     """
 
-    def __init__(self, rollouts: TensorDict, length: int | None = 25) -> None:
+    def __init__(self, rollouts: TensorDict, length: int | None = 5) -> None:
         self.rollouts, self.length = rollouts, length
         self.steps = rollouts["mask"].sum(-1)
         self.valid = (self.steps >= (length or 1)).float()

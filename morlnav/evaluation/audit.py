@@ -106,7 +106,7 @@ def audit_reward(
     demonstrator: Callable[[Tensor], Tensor] | None = None,
     levels: Sequence[float] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5),
     hold: int = 10,
-    snippet: int = 25,
+    snippet: int = 5,
     temperature: float = 10.0,
     plans: int = 3,
     thresholds: Thresholds | None = None,

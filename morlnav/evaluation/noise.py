@@ -69,7 +69,7 @@ def judge_noise(
     rollouts: TensorDict,
     demo: DemonstrationObjective,
     levels: Sequence[float],
-    snippet: int = 25,
+    snippet: int = 5,
     temperature: float = 10.0,
     *,
     num_pairs: int = 20000,

@@ -2,7 +2,7 @@
 
 from morlnav.modules.interpolator import PreferenceInterpolator
 from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic
-from morlnav.modules.noise import EpsilonGreedyNoise
+from morlnav.modules.noise import EpsilonGreedyNoise, WanderingNoise
 from morlnav.modules.oracle import CircumnavigationOracle, Oracle, Plan
 from morlnav.modules.reward_file import load_reward, read_facts, save_reward
 from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, RewardModel
@@ -19,6 +19,7 @@ __all__ = [
     "RewardEnsemble",
     "RewardModel",
     "VectorCritic",
+    "WanderingNoise",
     "load_reward",
     "read_facts",
     "save_reward",

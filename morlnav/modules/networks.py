@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -10,7 +11,7 @@ from torchrl.modules import MLP
 
 
 class NavigationFeatures(nn.Module):
-    """Bring a raw observation ``[..., 34]`` to numbers of order one ``[..., 68]``.
+    """Bring a raw observation ``[..., 34]`` to numbers of order one, by default ``[..., 68]``.
 
     Bearings become sine and cosine, so that straight behind is no jump; distances are given linearly and by a term
     that resolves the last decimetres, where contact is decided.
@@ -19,18 +20,42 @@ class NavigationFeatures(nn.Module):
         observe_human: whether the observation holds the human's distance and bearing.
         lidar_range: range of the lidar in metres.
         sectors: number of lidar sectors.
+        use_lidar: whether the lidar is looked at.
+        octaves: Fourier features of the distances to goal and human with this many wavelengths, 16 m, 8 m, ...
+            (Tancik et al., NeurIPS 2020). An MLP on the bare distance learns its fine structure late.
 
     Examples:
         >>> NavigationFeatures()(torch.zeros(5, 34)).shape
         torch.Size([5, 68])
+        >>> NavigationFeatures(use_lidar=False, octaves=4)(torch.zeros(5, 34)).shape
+        torch.Size([5, 24])
     """
 
-    def __init__(self, observe_human: bool = True, lidar_range: float = 4.0, sectors: int = 30) -> None:
+    longest = 16.0
+    """Longest wavelength of the Fourier features in metres."""
+
+    def __init__(
+        self,
+        observe_human: bool = True,
+        lidar_range: float = 4.0,
+        sectors: int = 30,
+        use_lidar: bool = True,
+        octaves: int = 0,
+    ) -> None:
         super().__init__()
         self.observe_human = observe_human
         self.lidar_range = lidar_range
+        self.sectors = sectors
+        self.use_lidar = use_lidar
+        self.octaves = octaves
         self.in_features = 2 + 2 * observe_human + sectors
-        self.out_features = 4 * (1 + observe_human) + 2 * sectors
+        self.out_features = (4 + 2 * octaves) * (1 + observe_human) + 2 * sectors * use_lidar
+
+    def config(self) -> dict[str, Any]:
+        """The constructor's arguments, as plain values."""
+        return {
+            name: getattr(self, name) for name in ("observe_human", "lidar_range", "sectors", "use_lidar", "octaves")
+        }
 
     def forward(self, observation: Tensor) -> Tensor:
         """Map observations in metres and radians to features.
@@ -44,8 +69,14 @@ class NavigationFeatures(nn.Module):
         for i, span in enumerate((6.0, 3.0)[: 1 + self.observe_human]):
             distance, bearing = observation[..., 2 * i : 2 * i + 2].split(1, -1)
             features += [distance / span - 1, (-distance).exp(), bearing.sin(), bearing.cos()]
-        lidar = observation[..., 2 * (1 + self.observe_human) :]
-        features += [1 - 2 * lidar / self.lidar_range, 0.3 / (lidar + 0.1) - 0.3]
+            if self.octaves:
+                phase = distance * (
+                    2 * math.pi / self.longest * 2 ** torch.arange(self.octaves, device=distance.device)
+                )
+                features += [phase.sin(), phase.cos()]
+        if self.use_lidar:
+            lidar = observation[..., 2 * (1 + self.observe_human) :]
+            features += [1 - 2 * lidar / self.lidar_range, 0.3 / (lidar + 0.1) - 0.3]
         return torch.cat(features, -1)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
+
+from morlnav.world.geometry import wrap_angle
 
 
 class EpsilonGreedyNoise(nn.Module):
@@ -78,15 +81,16 @@ class EpsilonGreedyNoise(nn.Module):
     def around(self, policy: Callable[..., Tensor]) -> Callable[..., Tensor]:
         """The noisy ``policy`` as a plain callable on whatever the policy takes; begins new episodes."""
         self.reset()
-        return lambda *inputs: self(policy(*inputs))
+        return lambda observation, *inputs: self(policy(observation, *inputs), observation=observation)
 
     @torch.no_grad()
-    def forward(self, action: Tensor, is_init: Tensor | None = None) -> Tensor:
+    def forward(self, action: Tensor, is_init: Tensor | None = None, observation: Tensor | None = None) -> Tensor:
         """Perturb one step's actions.
 
         Args:
             action: the policy's actions ``[*B, A]``.
             is_init: ``bool`` ``[*B]`` or ``[*B, 1]``, true where an episode begins; all do at the first call.
+            observation: what the policy saw ``[*B, D]``; plain random actions do not depend on it.
 
         Returns:
             The policy's or the held random actions, ``[*B, A]``.
@@ -101,20 +105,28 @@ class EpsilonGreedyNoise(nn.Module):
         chance = torch.where(first, epsilon, torch.where(self.remaining == 0, free, 0.0))
         started = self._rand(*batch) < chance
         left = torch.where(first, (self._rand(*batch) * self.hold).long() + 1, self.hold)
-        drawn = self.low + self._rand(*action.shape) * (self.high - self.low)
+        drawn = self._draw(batch)
 
-        self.held = torch.where(started.unsqueeze(-1), drawn, self.held)
+        self.held = drawn if self.held is None else torch.where(started.unsqueeze(-1), drawn, self.held)
         self.remaining = torch.where(started, left, torch.where(first, 0, self.remaining))
         self.is_noisy = self.remaining > 0
         self.remaining = (self.remaining - 1).clamp_min(0)
-        return torch.where(self.is_noisy.unsqueeze(-1), self.held.to(action.dtype), action)
+        noise = self._act(self.held, observation).to(action.dtype)
+        return torch.where(self.is_noisy.unsqueeze(-1), noise, action)
+
+    def _draw(self, batch: torch.Size) -> Tensor:
+        """What is held from now on, ``[*B, K]``."""
+        return self.low + self._rand(*batch, len(self.low)) * (self.high - self.low)
+
+    def _act(self, held: Tensor, observation: Tensor | None) -> Tensor:
+        """The action ``[*B, A]`` that the held values stand for."""
+        return held
 
     def _first(self, batch: torch.Size, is_init: Tensor | None) -> Tensor:
         """Where an episode begins, ``[*B]``; sets the state up at the first call."""
         if self.remaining is None:
             if self.epsilon.ndim and self.epsilon.shape != batch:
                 raise ValueError(f"Got {list(self.epsilon.shape)} values of epsilon for actions of {list(batch)}.")
-            self.held = self.low.expand(*batch, -1)
             self.remaining = self.epsilon.new_zeros(batch, dtype=torch.long)
             return torch.ones_like(self.remaining, dtype=torch.bool)
         if self.remaining.shape != batch:
@@ -128,3 +140,66 @@ class EpsilonGreedyNoise(nn.Module):
         if self.generator is None:
             return torch.rand(shape, device=self.low.device)
         return torch.rand(shape, generator=self.generator, device=self.generator.device).to(self.low.device)
+
+
+class WanderingNoise(EpsilonGreedyNoise):
+    """Noise that leads a robot elsewhere: some of the held actions are courses to drive on.
+
+    Uniform actions turn a differential-drive robot on the spot more than they move it, and so leave out most of what a
+    policy could do instead of the demonstration. Here a spell of noise is, with probability ``courses``, a drive at
+    full speed on a course that differs from the goal's bearing by a Gaussian draw, and a uniform action otherwise.
+
+    Args:
+        epsilon: see :class:`EpsilonGreedyNoise`.
+        action_low: least ``(v, ω)`` in m/s and rad/s.
+        action_high: largest ``(v, ω)``.
+        hold: steps that a course or a random action lasts.
+        courses: share of the spells that are courses, in [0, 1].
+        spread: standard deviation of the course about the goal's bearing in radians.
+        step_time: one control step in seconds, within which the robot takes up a course as far as it can.
+        generator: source of randomness; torch's global state by default.
+
+    Raises:
+        ValueError: if a number is out of range, or at the call without an observation.
+
+    Examples:
+        >>> noise = WanderingNoise(1.0, [0.0, -3.14], [0.5, 3.14], hold=10, courses=1.0, spread=0.0)
+        >>> observation = torch.zeros(1, 34)
+        >>> observation[0, :2] = torch.tensor([8.0, 0.1])  # the goal is slightly to the left
+        >>> noise(torch.zeros(1, 2), observation=observation)
+        tensor([[0.4901, 0.5000]])
+    """
+
+    def __init__(
+        self,
+        epsilon: float | Tensor,
+        action_low: Tensor | list[float],
+        action_high: Tensor | list[float],
+        hold: int = 10,
+        courses: float = 0.5,
+        spread: float = 1.0,
+        step_time: float = 0.2,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        super().__init__(epsilon, action_low, action_high, hold, generator)
+        if not (0 <= courses <= 1 and spread >= 0 and step_time > 0):
+            raise ValueError(
+                f"Wandering needs courses in [0, 1], spread >= 0 and step_time > 0, got {courses}, {spread} and "
+                f"{step_time}."
+            )
+        self.courses, self.spread, self.step_time = courses, spread, step_time
+
+    def _draw(self, batch: torch.Size) -> Tensor:
+        """Uniform action, whether a course is driven instead, and how far it lies off the goal's bearing."""
+        kind = (self._rand(*batch, 1) < self.courses).float()
+        offset = self.spread * torch.erfinv(2 * self._rand(*batch, 1) - 1) * math.sqrt(2)
+        return torch.cat([super()._draw(batch), kind, offset.clamp(-torch.pi, torch.pi)], -1)
+
+    def _act(self, held: Tensor, observation: Tensor | None) -> Tensor:
+        if observation is None:
+            raise ValueError("Wandering noise steers by the observation; give it beside the action.")
+        action, kind, offset = held.split([len(self.low), 1, 1], -1)
+        course = wrap_angle(observation[..., 1:2] + offset)
+        speed = self.high[0] * course.cos().clamp_min(0).square()
+        turn = (course / self.step_time).clamp(self.low[1], self.high[1])
+        return torch.where(kind > 0, torch.cat([speed, turn], -1), action)

@@ -80,13 +80,11 @@ class RewardModel(nn.Module):
         """
         if type(self.features) is not NavigationFeatures:
             raise ValueError(f"Only NavigationFeatures can be described, got {type(self.features).__name__}.")
-        human, lidar_range = self.features.observe_human, self.features.lidar_range
-        sectors = self.features.in_features - 2 - 2 * human
         return {
             "inputs": list(self.inputs),
             "action_low": self.low.tolist(),
             "action_high": self.high.tolist(),
-            "features": {"observe_human": human, "lidar_range": lidar_range, "sectors": sectors},
+            "features": self.features.config(),
             "depth": self.depth,
             "num_cells": self.num_cells,
         }

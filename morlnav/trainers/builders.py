@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from hydra.utils import instantiate
@@ -13,7 +14,7 @@ from torchrl.envs import Compose, RewardScaling, RewardSum, StepCounter, Transfo
 from torchrl.objectives import ValueEstimators
 
 from morlnav.data import PreferenceSampler
-from morlnav.envs import NavigationEnv
+from morlnav.envs import NavigationEnv, Objective
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
@@ -29,12 +30,17 @@ def build(node: DictConfig, **objects: Any) -> Any:
         raise ValueError(f"{node._target_} refuses its config: {error}") from error
 
 
-def make_base_env(cfg: DictConfig, num_envs: int | None = None, seed: int | None = None) -> NavigationEnv:
-    """The bare environment: world, scenes and objectives from the config."""
+def make_base_env(
+    cfg: DictConfig,
+    num_envs: int | None = None,
+    seed: int | None = None,
+    objectives: Mapping[str, Objective] | None = None,
+) -> NavigationEnv:
+    """The bare environment: world, scenes and, unless given, objectives from the config."""
     return NavigationEnv(
         world=build(cfg.world, device=cfg.device),
         scenes=build(cfg.env.scenes),
-        objectives=instantiate(cfg.objectives, _convert_="all"),
+        objectives=objectives if objectives is not None else instantiate(cfg.objectives, _convert_="all"),
         num_envs=num_envs if num_envs is not None else cfg.env.num_envs,
         observe_human=cfg.env.observe_human,
         seed=seed,
@@ -53,11 +59,11 @@ def make_env(cfg: DictConfig) -> TransformedEnv:
     return TransformedEnv(env, Compose(StepCounter(cfg.env.max_steps), RewardSum(), DrawPreference(sampler)))
 
 
-def make_features(cfg: DictConfig, env: NavigationEnv) -> nn.Module:
-    """The module that every network looks at raw observations through."""
+def make_features(node: DictConfig, env: NavigationEnv) -> nn.Module:
+    """The module that a network looks at raw observations through."""
     lidar = env.world.lidar
     return build(
-        cfg.networks.features,
+        node,
         observe_human=env.observe_human,
         lidar_range=lidar.max_range,
         sectors=lidar.sectors,
@@ -71,13 +77,13 @@ def make_networks(cfg: DictConfig, env: NavigationEnv) -> tuple[nn.Module, list[
         "action_low": env.world.robot.action_low.tolist(),
         "action_high": env.world.robot.action_high.tolist(),
     }
-    actor = build(cfg.networks.actor, **shape, features=make_features(cfg, env))
+    actor = build(cfg.networks.actor, **shape, features=make_features(cfg.networks.features, env))
     critics = [
         build(
             cfg.networks.critic,
             **shape,
             num_objectives=len(env.rewards),
-            features=make_features(cfg, env),
+            features=make_features(cfg.networks.features, env),
         )
         for _ in range(cfg.loss.num_qvalue_nets)
     ]

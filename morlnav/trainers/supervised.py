@@ -54,7 +54,7 @@ def fit(
     optimizer = torch.optim.AdamW(params, lr=lr, weight_decay=weight_decay, fused=True)
     scheduler = OneCycleLR(optimizer, max_lr=lr, total_steps=steps)
     best, best_state, waited = {}, deepcopy(loss.state_dict()), 0
-    bar = trange(steps, desc=name, disable=not progress_bar)
+    bar = trange(steps, desc=f"  {name}", disable=not progress_bar, leave=False)
     for step in bar:
         out = loss(sample())
         total = _total(out)

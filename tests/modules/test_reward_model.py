@@ -126,10 +126,10 @@ def test_a_saved_model_comes_back_frozen_and_exactly_the_same(model, tmp_path):
 
 
 def test_the_shape_of_observation_and_action_is_kept(tmp_path):
-    features = NavigationFeatures(observe_human=False, lidar_range=6.0, sectors=12)
+    features = NavigationFeatures(observe_human=False, lidar_range=6.0, sectors=12, octaves=2)
     save_reward(RewardModel(features=features, action_high=[1.0, 2.0], **SMALL), tmp_path / "reward.pt")
     loaded = load_reward(tmp_path / "reward.pt")
-    assert loaded.features.lidar_range == 6.0
+    assert loaded.features.config() == features.config()
     assert loaded(torch.rand(3, 14), torch.rand(3, 2)).shape == (3,)
 
 
@@ -185,3 +185,22 @@ def test_foreign_parts_are_not_saved(tmp_path):
 def test_a_wrong_argument_is_named_in_one_sentence(build):
     with pytest.raises(ValueError, match=r"^[^\n]+$"):
         build()
+
+
+def test_features_may_leave_the_lidar_out():
+    observation = torch.rand(5, 34)
+    blind = observation.clone()
+    blind[:, 4:] = 4.0
+    features = NavigationFeatures(use_lidar=False)
+    assert torch.equal(features(observation), features(blind))
+    assert not torch.equal(NavigationFeatures()(observation), NavigationFeatures()(blind))
+
+
+def test_octaves_are_waves_of_the_distances():
+    observation = torch.zeros(1, 34)
+    observation[:, 0], observation[:, 2] = 8.0, 1.0
+    features = NavigationFeatures(use_lidar=False, octaves=4)(observation)[0]
+    goal, human = features[4:12], features[16:24]
+    wave = torch.pi * torch.tensor([1.0, 2.0, 4.0, 8.0])  # wavelengths 16, 8, 4 and 2 m
+    torch.testing.assert_close(goal, torch.cat([wave.sin(), wave.cos()]), atol=1e-5, rtol=0)
+    torch.testing.assert_close(human, torch.cat([(wave / 8).sin(), (wave / 8).cos()]), atol=1e-5, rtol=0)

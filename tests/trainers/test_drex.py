@@ -1,3 +1,5 @@
+import json
+
 import pytest
 import torch
 from support import configure
@@ -6,18 +8,7 @@ from morlnav import load
 from morlnav.modules import read_facts
 from morlnav.train import run
 
-SMALL = [
-    "objectives=[baseline,demo,distance,efficiency]",
-    "demonstrations.num=8",
-    "clone.fit.steps=20",
-    "clone.actor.num_cells=32",
-    "ranking.levels=[0.0,0.9]",
-    "ranking.episodes=4",
-    "ranking.normalise=false",
-    "ranking.fit.steps=5",
-    "ranking.model.num_cells=16",
-    "ranking.batch_size=4",
-]
+SMALL = ["objectives=[baseline,demo,distance,efficiency]"]
 
 
 @pytest.fixture(scope="module")
@@ -46,9 +37,41 @@ def test_the_run_keeps_its_reward_model_and_may_move(demonstration_run, tmp_path
 def test_every_stage_is_cached_by_its_config(demonstration_run):
     _, directory = demonstration_run
     stages = {path.name.partition("-")[0] for path in (directory / "cache").iterdir()}
-    assert stages == {"demonstrations", "clone", "ranking"}
+    assert stages == {"demonstrations", "clone", "ranking", "audit"}
 
 
 def test_the_report_measures_the_distance_to_the_demonstration(demonstration_run):
     _, directory = demonstration_run
     assert "frechet" in (directory / "run" / "evaluation" / "episodes.csv").read_text().splitlines()[0]
+
+
+def test_the_run_keeps_the_audit_of_its_reward(demonstration_run):
+    _, directory = demonstration_run
+    verdict = json.loads((directory / "run" / "audit" / "audit.json").read_text())
+    assert not verdict["passed"]  # nothing is learned in five updates
+    assert read_facts(directory / "run" / "reward.pt")["facts"]["audit"]["reasons"] == verdict["reasons"]
+
+
+def test_a_reward_that_fails_its_audit_stops_the_pipeline(demonstration_run, tmp_path):
+    _, directory = demonstration_run
+    cfg = configure(*SMALL, f"cache={directory / 'cache'}", "audit.required=true")
+    with pytest.raises(ValueError, match=r"fails its audit .* audit\.required=false"):
+        run(cfg, tmp_path)
+    assert (tmp_path / "audit" / "audit.md").exists()
+    assert not (tmp_path / "reward.pt").exists()
+
+
+@pytest.mark.parametrize("ablation", ["no_human", "state_reward"])
+def test_ablations_of_the_reward_are_configs(ablation, tmp_path):
+    run(configure(*SMALL, f"cache={tmp_path}", f"ablation={ablation}"), tmp_path / "run")
+    facts = read_facts(tmp_path / "run" / "reward.pt")
+    assert ("action" in facts["inputs"]) == (ablation != "state_reward")
+    features = facts["model"]["models"][0]["features"]
+    assert features["observe_human"] == (ablation != "no_human")
+    assert features["use_lidar"] == (ablation == "no_human")
+
+
+def test_the_literal_recipe_is_one_word(tmp_path):
+    words = ["ranking=literal", "ranking.levels=[0.0,0.9]", "ranking.episodes=4", "ranking.fit.steps=5"]
+    run(configure(*SMALL, f"cache={tmp_path}", *words), tmp_path / "run")
+    assert read_facts(tmp_path / "run" / "reward.pt")["model"]["class"] == "RewardModel"

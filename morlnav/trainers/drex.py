@@ -91,8 +91,9 @@ def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | No
             loss_function=cfg.clone.loss_function,
         )
         rows = demonstrations.select("observation", "action")
-        last = demonstrations["episode"] >= int((1 - cfg.clone.held_out) * (demonstrations["episode"].max() + 1))
-        train, held_out = rows[~last], rows[last]
+        count = int(demonstrations["episode"].max()) + 1
+        last = demonstrations["episode"] >= max(1, int((1 - cfg.clone.held_out) * count))
+        train, held_out = rows[~last], rows[last] if count > 1 else rows
         fit(
             loss,
             lambda: train[torch.randint(len(train), (cfg.clone.batch_size,))],

@@ -7,20 +7,18 @@ from collections.abc import Callable, Sequence
 import torch
 from tensordict import TensorDict
 from torch import Tensor, nn
-from torchrl.envs import InitTracker, TransformedEnv
-
-from morlnav.envs import NavigationEnv
+from torchrl.envs import EnvBase, InitTracker, TransformedEnv
 
 
 def roll_out_ranked(
     policy: Callable[[Tensor], Tensor],
-    make_env: Callable[[int], NavigationEnv],
+    make_env: Callable[[int], EnvBase],
     make_noise: Callable[[Tensor], nn.Module],
     levels: Sequence[float],
     episodes: int,
     max_steps: int = 250,
 ) -> TensorDict:
-    """Drive a policy under every noise level, all side by side.
+    """Drive a policy under every noise level, all side by side, in any batched environment.
 
     Args:
         policy: maps observations ``[B, D]`` to actions ``[B, A]``.

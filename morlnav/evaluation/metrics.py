@@ -42,6 +42,7 @@ def episode_metrics(
     ``mean_jerk``                  mean absolute second difference of the commanded speed, m/s³; NaN below 3 steps
     ``stalled_time``               time with a commanded speed below ``stalled_speed``, s
     ``personal_space``             share of steps that end further than ``personal_space`` from the human's centre
+    ``human_on_right``             1 where the robot passes clockwise around the human, else 0
     ``return_<name>``              undiscounted sum of the objective's rewards
     ``frechet``                    discrete Fréchet distance to the scene's reference path, m; only with references
     =============================  ================================================================================
@@ -102,6 +103,7 @@ def episode_metrics(
         "mean_jerk": (speed.diff(n=2).abs() * driven[..., 2:]).sum(-1) / (steps - 2).clamp_min(0) / world.step_time**2,
         "stalled_time": ((speed < stalled_speed) & driven).sum(-1) * world.step_time,
         "personal_space": ((human_distance[..., 1:] > personal_space) & driven).sum(-1) / steps,
+        "human_on_right": (winding(rollouts.pose, rollouts.scene.human) < 0).float(),
         **{f"return_{name}": rollouts.reward[..., i].sum(-1) for i, name in enumerate(rewards)},
     }
     if references is not None:
@@ -123,6 +125,16 @@ def path_length(pose: Tensor) -> Tensor:
     chord = pose[..., :2].diff(dim=-2).norm(dim=-1)
     turn = wrap_angle(pose[..., 2].diff(dim=-1))
     return (chord / torch.sinc(turn / (2 * torch.pi))).sum(-1)
+
+
+def winding(pose: Tensor, point: Tensor) -> Tensor:
+    """Angle in radians by which paths ``[..., T, 2+]`` turn counter-clockwise around points ``[..., 2]``, ``[...]``.
+
+    >>> winding(torch.tensor([[-1.0, 0.0], [0.0, 1.0], [1.0, 0.0]]), torch.zeros(2))
+    tensor(-3.1416)
+    """
+    arm = pose[..., :2] - point.unsqueeze(-2)
+    return wrap_angle(torch.atan2(arm[..., 1], arm[..., 0]).diff(dim=-1)).sum(-1)
 
 
 def frechet_distance(paths: Sequence[Tensor], references: Sequence[Tensor]) -> Tensor:

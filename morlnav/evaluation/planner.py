@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
+from morlnav.evaluation.metrics import winding
 from morlnav.evaluation.pose_grid import PoseGrid
 from morlnav.evaluation.rollout import Outcome
 from morlnav.world import Scene, TensorWorld, World
-from morlnav.world.geometry import wrap_angle
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,7 @@ class PlannedPath:
     @property
     def human_on_right(self) -> bool:
         """Whether the robot passes clockwise around the human."""
-        arm = self.path - self.scene.human
-        return wrap_angle(torch.atan2(arm[:, 1], arm[:, 0]).diff()).sum().item() < 0
+        return winding(self.path, self.scene.human).item() < 0
 
 
 @dataclass(frozen=True)

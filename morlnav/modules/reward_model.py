@@ -28,14 +28,17 @@ class RewardModel(nn.Module):
         features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
         depth: hidden layers.
         num_cells: neurons per hidden layer.
+        in_features: length ``D`` of observations that are read as they are, instead of ``features``.
 
     Raises:
-        ValueError: for other ``inputs``.
+        ValueError: for other ``inputs``, or both ``features`` and ``in_features``.
 
     Examples:
         >>> model = RewardModel(inputs=("observation",))
         >>> model(torch.zeros(7, 25, 34)).shape
         torch.Size([7, 25])
+        >>> RewardModel(action_low=[-2.0], action_high=[2.0], in_features=3)(torch.zeros(7, 3), torch.zeros(7, 1)).shape
+        torch.Size([7])
     """
 
     def __init__(
@@ -46,21 +49,26 @@ class RewardModel(nn.Module):
         features: nn.Module | None = None,
         depth: int = 4,
         num_cells: int = 256,
+        in_features: int | None = None,
     ) -> None:
         super().__init__()
         self.inputs = tuple(inputs)
         if self.inputs not in INPUTS:
             raise ValueError(f"A reward model's inputs are {INPUTS[0]} or {INPUTS[1]}, got {self.inputs}.")
-        self.features = features if features is not None else NavigationFeatures()
+        if features is not None and in_features is not None:
+            raise ValueError("Give features or in_features, not both.")
+        if features is None:
+            features = NavigationFeatures() if in_features is None else nn.Identity()
+        self.in_features, self.features = in_features, features
         self.register_buffer("low", torch.as_tensor(action_low, dtype=torch.float32))
         self.register_buffer("high", torch.as_tensor(action_high, dtype=torch.float32))
         self.depth, self.num_cells = depth, num_cells
         sees_action = "action" in self.inputs
-        width = self.features.out_features + sees_action * self.low.numel()
-        self.mlp = _mlp(width, 1, depth, num_cells, gain=1.0)
+        width = in_features if in_features is not None else features.out_features
+        self.mlp = _mlp(width + sees_action * self.low.numel(), 1, depth, num_cells, gain=1.0)
 
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
-        """Reward ``[...]`` for observations ``[..., D]`` and actions ``[..., A]`` in m/s and rad/s.
+        """Reward ``[...]`` for observations ``[..., D]`` and actions ``[..., A]`` in their own units.
 
         Raises:
             ValueError: if the model needs an action and gets none.
@@ -76,15 +84,16 @@ class RewardModel(nn.Module):
         """The constructor's arguments, as plain values.
 
         Raises:
-            ValueError: for features other than :class:`NavigationFeatures`.
+            ValueError: for features of one's own other than :class:`NavigationFeatures`.
         """
-        if type(self.features) is not NavigationFeatures:
+        if self.in_features is None and type(self.features) is not NavigationFeatures:
             raise ValueError(f"Only NavigationFeatures can be described, got {type(self.features).__name__}.")
+        plain = self.in_features is not None
         return {
             "inputs": list(self.inputs),
             "action_low": self.low.tolist(),
             "action_high": self.high.tolist(),
-            "features": self.features.config(),
+            **({"in_features": self.in_features} if plain else {"features": self.features.config()}),
             "depth": self.depth,
             "num_cells": self.num_cells,
         }

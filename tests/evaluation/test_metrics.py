@@ -57,6 +57,7 @@ def test_every_metric_by_hand(rollouts):
     assert frame["shortest_path"].tolist() == pytest.approx([2.65, 2.65])
     assert frame["spl"].tolist() == pytest.approx([2.65 / 3, 0.0], abs=1e-5)
     assert frame["time_ratio"].tolist() == pytest.approx([0.8 * 0.5 / 2.65, 0.4 * 0.5 / 2.65], abs=1e-5)
+    assert frame["human_on_right"].tolist() == [0.0, 1.0]  # below the human going east, left of it going north
     # Speeds 0.5, 0.4, 0, 0.3: second differences -0.3 and 0.7, over (0.2 s)².
     assert frame["mean_jerk"][0] == pytest.approx(0.5 / 0.04, abs=1e-4)
     assert math.isnan(frame["mean_jerk"][1])

@@ -5,6 +5,7 @@ from morlnav.data.demonstrations import (
     demonstration_settings,
     load_demonstrations,
     record_demonstrations,
+    rewarded_transitions,
     save_demonstrations,
 )
 from morlnav.data.preferences import (
@@ -33,6 +34,7 @@ __all__ = [
     "load_demonstrations",
     "preference_edges",
     "record_demonstrations",
+    "rewarded_transitions",
     "roll_out_ranked",
     "save_demonstrations",
     "simplex_grid",

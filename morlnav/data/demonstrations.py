@@ -13,8 +13,8 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from morlnav.envs import NavigationEnv, Objective
-from morlnav.world import Scene, TensorWorld, World
+from morlnav.envs import NavigationEnv, Objective, Transition
+from morlnav.world import Contact, Scene, TensorWorld, World
 
 SCHEMA = "morlnav.demonstrations"
 VERSION = 1
@@ -161,6 +161,45 @@ def record_demonstrations(
         for key in ("observation", ("next", "observation")):
             data[key] = torch.cat([data[key][:, :2], data[key][:, 4:]], -1)
     return data, tries
+
+
+def rewarded_transitions(data: TensorDict, objectives: Mapping[str, Objective], chunk: int = 65536) -> TensorDict:
+    """Demonstrations as off-policy transitions, paid for by any objectives.
+
+    Args:
+        data: ``[N]``, as :func:`record_demonstrations` returns them; their observations hold the human's position.
+        objectives: reward terms by name as for :class:`~morlnav.envs.NavigationEnv`.
+        chunk: transitions that the objectives see at a time.
+
+    Returns:
+        ``[N]`` with ``observation``, ``action`` (as executed) and ``next`` with ``observation``, ``reward`` ``[m]``,
+        ``done`` and ``terminated``, as a replay buffer takes them.
+
+    Examples:
+        >>> from morlnav.envs import default_objectives
+        >>> from morlnav.modules import CircumnavigationOracle
+        >>> from morlnav.world import SceneSampler
+        >>> data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 2)
+        >>> rows = rewarded_transitions(data, default_objectives())
+        >>> torch.equal(rows["next", "reward"], data["next", "reward"])
+        True
+    """
+    rewards = []
+    for part in data.split(chunk):
+        outcome = {name: part["next", "outcome", name].squeeze(-1) for name in ("human", "box", "goal")}
+        transition = Transition(
+            pose=part["pose"],
+            next_pose=part["next", "pose"],
+            action=part["executed_action"],
+            observation=part["observation"],
+            next_observation=part["next", "observation"],
+            contact=Contact(**outcome, batch_size=part.batch_size),
+            scene=Scene.from_tensordict(part["scene"]),
+        )
+        rewards.append(torch.stack([term(transition) for term in objectives.values()], -1))
+    following = data["next"].select("observation", "done", "terminated").set("reward", torch.cat(rewards))
+    rows = data.select("observation").set("action", data["executed_action"])
+    return rows.set("next", following)
 
 
 def _roll_out(

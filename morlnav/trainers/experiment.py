@@ -12,16 +12,18 @@ from torch.optim.lr_scheduler import LambdaLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torchrl.checkpoint import Checkpoint, CheckpointRotation, GlobalRNGState
 from torchrl.collectors import Collector
+from torchrl.data import ReplayBuffer
 from torchrl.envs import TransformedEnv
 from torchrl.modules import AdditiveGaussianModule
 from torchrl.objectives import SoftUpdate
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer
 
-from morlnav.data import simplex_grid
+from morlnav.data import rewarded_transitions, simplex_grid
 from morlnav.evaluation import evaluation_scenes
 from morlnav.objectives import MORLTD3Loss
-from morlnav.trainers.builders import build, make_env, make_loss, make_networks, make_replay
+from morlnav.trainers.builders import build, make_env, make_loss, make_networks, make_preferences, make_replay
+from morlnav.trainers.drex import make_demonstrations
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.resume import RolloutState
@@ -60,7 +62,7 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
         frame_skip=1,
         loss_module=loss,
         optimization_stepper=stepper,
-        replay_buffer=make_replay(cfg, len(env.base_env.objectives)),
+        replay_buffer=_make_replay(cfg, env),
         optim_steps_per_batch=settings.optim_steps_per_batch,
         logger=logger,
         clip_norm=settings.clip_norm,
@@ -87,6 +89,22 @@ def _check(cfg: DictConfig) -> None:
 
 def _num_batches(cfg: DictConfig) -> int:
     return max(1, math.ceil(cfg.trainer.total_frames / cfg.trainer.frames_per_batch))
+
+
+def _make_replay(cfg: DictConfig, env: TransformedEnv) -> ReplayBuffer:
+    """The replay buffer, filled with the demonstrations if so wished; new transitions write over them in the end."""
+    base = env.base_env
+    replay = make_replay(cfg, len(base.objectives))
+    if cfg.replay.demonstrations:
+        if not base.observe_human:
+            raise ValueError(
+                "replay.demonstrations needs env.observe_human=true: rewards are computed from what is seen."
+            )
+        rows = rewarded_transitions(make_demonstrations(cfg), base.rewards)
+        rows["preference"] = make_preferences(cfg, len(base.objectives))(len(rows))
+        rows["next", "preference"] = rows["preference"]
+        replay.extend(rows.to(cfg.device))
+    return replay
 
 
 def _make_exploration(cfg: DictConfig, env: TransformedEnv) -> AdditiveGaussianModule:

@@ -2,11 +2,12 @@ import json
 
 import pytest
 import torch
-from support import configure
+from support import configure, trainer_for
 
 from morlnav import load
-from morlnav.modules import read_facts
+from morlnav.modules import load_reward, read_facts
 from morlnav.train import run
+from morlnav.trainers.drex import make_demonstrations
 
 SMALL = ["objectives=[baseline,demo,distance,efficiency]"]
 
@@ -75,3 +76,24 @@ def test_the_literal_recipe_is_one_word(tmp_path):
     words = ["ranking=literal", "ranking.levels=[0.0,0.9]", "ranking.episodes=4", "ranking.fit.steps=5"]
     run(configure(*SMALL, f"cache={tmp_path}", *words), tmp_path / "run")
     assert read_facts(tmp_path / "run" / "reward.pt")["model"]["class"] == "RewardModel"
+
+
+def test_demonstrations_may_fill_the_replay_buffer(tmp_path):
+    words = [*SMALL, f"cache={tmp_path}", "replay.demonstrations=true"]
+    cfg = configure(*words)
+    run(cfg, tmp_path / "run")
+    trainer = trainer_for(cfg, tmp_path / "again")  # the run has put the reward's place into cfg
+    stored, data = trainer.replay_buffer[:], make_demonstrations(cfg)
+    assert len(stored) == len(data)
+    assert torch.equal(stored["action"], data["executed_action"])
+    reward = load_reward(tmp_path / "run" / "reward.pt")(data["observation"], data["executed_action"])
+    paid = stored["next", "reward"] / cfg.replay.reward_scale
+    torch.testing.assert_close(paid[:, 1], 10 * (reward - 1), rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(paid[:, [0, 2, 3]], data["next", "reward"], rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(stored["preference"].sum(-1), torch.ones(len(data)))
+
+
+def test_demonstrations_without_the_human_cannot_fill_the_replay_buffer(tmp_path):
+    words = [*SMALL, f"cache={tmp_path}", "replay.demonstrations=true", "ablation=no_human"]
+    with pytest.raises(ValueError, match=r"replay\.demonstrations needs"):
+        run(configure(*words), tmp_path / "run")

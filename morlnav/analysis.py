@@ -77,7 +77,7 @@ def load_episodes(source: Runs) -> pd.DataFrame:
         ValueError: if the sequence of directories is empty.
 
     Examples:
-        >>> load_episodes("results/seeds").groupby("seed")["success"].mean()  # doctest: +SKIP
+        >>> load_episodes("results/two_objectives").groupby("seed")["success"].mean()  # doctest: +SKIP
     """
     return _load_evaluation(source, "episodes")
 
@@ -99,7 +99,7 @@ def load_fronts(source: Runs) -> pd.DataFrame:
     Arguments and errors are those of :func:`load_episodes`.
 
     Examples:
-        >>> load_fronts("results/seeds").groupby("seed")["hypervolume"].first()  # doctest: +SKIP
+        >>> load_fronts("results/two_objectives").groupby("seed")["hypervolume"].first()  # doctest: +SKIP
     """
     return _load_evaluation(source, "front")
 

@@ -7,6 +7,7 @@ from morlnav.cli import conf_dir
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
 
+ANALYTICAL = "objectives=[baseline,distance,efficiency]"
 SMALL = (
     "trainer=smoke",
     "threads=1",
@@ -20,7 +21,7 @@ SMALL = (
 def configure(*overrides):
     """The config of ``morlnav-train trainer=smoke OVERRIDES``, small, and without demonstrations unless asked for."""
     if not any(override.startswith("objectives=") for override in overrides):
-        overrides = ("objectives=[baseline,distance,efficiency]", *overrides)
+        overrides = (ANALYTICAL, *overrides)
     with initialize_config_dir(conf_dir(), version_base="1.3"):
         return compose("train", [*SMALL, *overrides])
 

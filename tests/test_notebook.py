@@ -5,17 +5,15 @@ import pytest
 from nbclient import NotebookClient
 
 ROOT = Path(__file__).parents[1]
-KEPT = ROOT / "results" / "default"
+RESULTS = ROOT / "results"
 
 
-@pytest.fixture
-def trained_run(request):
-    return KEPT if (KEPT / "policy.pt").is_file() else request.getfixturevalue("smoke_run")
-
-
-def test_the_notebook_runs_and_draws(trained_run, tmp_path, monkeypatch):
-    monkeypatch.setenv("MORLNAV_RUN", str(trained_run))
-    monkeypatch.setenv("MORLNAV_SWEEP", str(tmp_path / "missing"))
+@pytest.mark.parametrize(
+    ("run", "sweep"), [("default", "missing"), ("two_objectives/seed_0", "two_objectives")], ids=["run", "sweep"]
+)
+def test_the_notebook_runs_and_draws(run, sweep, tmp_path, monkeypatch):
+    monkeypatch.setenv("MORLNAV_RUN", str(RESULTS / run))
+    monkeypatch.setenv("MORLNAV_SWEEP", str(RESULTS / sweep))
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
     notebook = nbformat.read(ROOT / "notebooks" / "analysis.ipynb", as_version=4)
     NotebookClient(notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": tmp_path}}).execute()

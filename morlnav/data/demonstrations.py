@@ -121,8 +121,7 @@ def record_demonstrations(
         The transitions ``[N]`` of ``num`` episodes, in main memory, and the number of episodes tried for them.
 
     Raises:
-        ValueError: if a number is below 1.
-        RuntimeError: if the policy hardly ever succeeds.
+        ValueError: if a number is below 1, or the policy hardly ever succeeds.
 
     Examples:
         >>> from morlnav.modules import CircumnavigationOracle
@@ -139,7 +138,7 @@ def record_demonstrations(
     kept, count, tries = [], 0, 0
     while count < num:
         if tries >= PATIENCE * num:
-            raise RuntimeError(
+            raise ValueError(
                 f"Only {count} of {tries} episodes reached the goal, {num} are wanted; make the scenes easier, the "
                 f"disturbance weaker or max_steps larger, or mend the policy."
             )

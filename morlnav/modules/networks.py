@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -80,7 +81,33 @@ class NavigationFeatures(nn.Module):
         return torch.cat(features, -1)
 
 
-class Actor(nn.Module):
+class ActionBounds(nn.Module):
+    """Base of modules that know the action's bounds: maps between actions and the unit cube ``[-1, 1]``.
+
+    Args:
+        low: least action, length ``A``.
+        high: largest action, length ``A``.
+
+    Examples:
+        >>> ActionBounds([0.0, -3.0], [0.5, 3.0]).to_unit(torch.tensor([0.5, 0.0]))
+        tensor([1., 0.])
+    """
+
+    def __init__(self, low: Tensor | Sequence[float], high: Tensor | Sequence[float]) -> None:
+        super().__init__()
+        self.register_buffer("low", torch.as_tensor(low, dtype=torch.float32))
+        self.register_buffer("high", torch.as_tensor(high, dtype=torch.float32))
+
+    def to_unit(self, action: Tensor) -> Tensor:
+        """Actions ``[..., A]`` scaled to ``[-1, 1]``."""
+        return 2 * (action - self.low) / (self.high - self.low) - 1
+
+    def to_action(self, unit: Tensor) -> Tensor:
+        """Values ``[..., A]`` in ``[-1, 1]`` scaled to actions."""
+        return self.low + (unit + 1) * (self.high - self.low) / 2
+
+
+class Actor(ActionBounds):
     """Deterministic policy ``π(s, λ)``: an MLP with a tanh output, scaled to the action's bounds (Sec. III-B.2).
 
     Args:
@@ -107,21 +134,18 @@ class Actor(nn.Module):
         depth: int = 4,
         num_cells: int = 256,
     ) -> None:
-        super().__init__()
+        super().__init__(action_low, action_high)
         self.features = features if features is not None else NavigationFeatures()
         self.num_preferences = num_preferences
-        self.register_buffer("low", torch.as_tensor(action_low, dtype=torch.float32))
-        self.register_buffer("high", torch.as_tensor(action_high, dtype=torch.float32))
         self.mlp = _mlp(self.features.out_features + num_preferences, self.low.numel(), depth, num_cells, gain=0.01)
 
     def forward(self, observation: Tensor, preference: Tensor | None = None) -> Tensor:
         """Action ``[..., A]`` in its own units for observations ``[..., D]`` and preferences ``[..., n]``."""
         inputs = (preference,) if self.num_preferences else ()
-        unit = self.mlp(self.features(observation), *inputs).tanh()
-        return self.low + (unit + 1) * (self.high - self.low) / 2
+        return self.to_action(self.mlp(self.features(observation), *inputs).tanh())
 
 
-class VectorCritic(nn.Module):
+class VectorCritic(ActionBounds):
     """Vector value ``Q(s, a, λ)``, one entry per objective (Sec. III-B).
 
     Args:
@@ -149,17 +173,14 @@ class VectorCritic(nn.Module):
         depth: int = 4,
         num_cells: int = 256,
     ) -> None:
-        super().__init__()
+        super().__init__(action_low, action_high)
         self.features = features if features is not None else NavigationFeatures()
-        self.register_buffer("low", torch.as_tensor(action_low, dtype=torch.float32))
-        self.register_buffer("high", torch.as_tensor(action_high, dtype=torch.float32))
         inputs = self.features.out_features + num_preferences + self.low.numel()
         self.mlp = _mlp(inputs, num_objectives, depth, num_cells, gain=1.0)
 
     def forward(self, observation: Tensor, preference: Tensor, action: Tensor) -> Tensor:
         """Values ``[..., m]`` for observations ``[..., D]``, preferences ``[..., n]`` and actions ``[..., A]``."""
-        unit = 2 * (action - self.low) / (self.high - self.low) - 1
-        return self.mlp(self.features(observation), preference, unit)
+        return self.mlp(self.features(observation), preference, self.to_unit(action))
 
 
 def _mlp(in_features: int, out_features: int, depth: int, num_cells: int, gain: float) -> MLP:

@@ -9,13 +9,13 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from morlnav.modules.networks import NavigationFeatures, _mlp
+from morlnav.modules.networks import ActionBounds, NavigationFeatures, _mlp
 
 INPUTS = (("observation",), ("observation", "action"))
 REDUCTIONS = ("mean", "pessimistic")
 
 
-class RewardModel(nn.Module):
+class RewardModel(ActionBounds):
     """Reward ``R̂(s, a)`` or ``R̂(s)`` in [0, 1]: an MLP with a sigmoid output (Sec. III-C, III-B.2).
 
     ``R̂(s)`` is the paper's ``-RM`` ablation. It takes an action too, and ignores it, so that all models are called
@@ -51,7 +51,7 @@ class RewardModel(nn.Module):
         num_cells: int = 256,
         in_features: int | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(action_low, action_high)
         self.inputs = tuple(inputs)
         if self.inputs not in INPUTS:
             raise ValueError(f"A reward model's inputs are {INPUTS[0]} or {INPUTS[1]}, got {self.inputs}.")
@@ -60,8 +60,6 @@ class RewardModel(nn.Module):
         if features is None:
             features = NavigationFeatures() if in_features is None else nn.Identity()
         self.in_features, self.features = in_features, features
-        self.register_buffer("low", torch.as_tensor(action_low, dtype=torch.float32))
-        self.register_buffer("high", torch.as_tensor(action_high, dtype=torch.float32))
         self.depth, self.num_cells = depth, num_cells
         sees_action = "action" in self.inputs
         width = in_features if in_features is not None else features.out_features
@@ -77,7 +75,7 @@ class RewardModel(nn.Module):
         if "action" in self.inputs:
             if action is None:
                 raise ValueError("This reward model reads observation and action; give both.")
-            features.append(2 * (action - self.low) / (self.high - self.low) - 1)
+            features.append(self.to_unit(action))
         return self.mlp(*features).squeeze(-1).sigmoid()
 
     def config(self) -> dict[str, Any]:

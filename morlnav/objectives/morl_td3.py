@@ -192,6 +192,7 @@ class MORLTD3Loss(LossModule):
                     *self.actor_network.in_keys,
                     *[("next", key) for key in self.actor_network.in_keys],
                     *self.qvalue_network.in_keys,
+                    *[("next", key) for key in self.qvalue_network.in_keys if key != keys.action],
                 ]
             )
         )
@@ -213,7 +214,7 @@ class MORLTD3Loss(LossModule):
         return self._vmap_qvalue_network00(inputs, params).get(self.tensor_keys.state_action_value)
 
     def _act(self, tensordict: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
-        inputs = tensordict.select(*self.actor_network.in_keys, strict=False)
+        inputs = tensordict.select(*self.actor_network.in_keys, *self.qvalue_network.in_keys, strict=False)
         with params.to_module(self.actor_network, preserve_module_state=False):
             return self.actor_network(inputs)
 

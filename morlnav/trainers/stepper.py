@@ -54,14 +54,18 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         }
 
     def state_dict(self) -> dict[str, Any]:
-        """Optimizers, learning-rate schedulers and the update counter."""
-        return super().state_dict() | {"schedulers": [scheduler.last_epoch for scheduler in self.schedulers]}
+        """Optimizers, learning-rate schedulers, the update counter, and what the last actor update reported."""
+        return super().state_dict() | {
+            "schedulers": [scheduler.last_epoch for scheduler in self.schedulers],
+            "actor_metrics": dict(self._actor_metrics),
+        }
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Restore what :meth:`state_dict` gave."""
         super().load_state_dict(state_dict)
         for scheduler, epoch in zip(self.schedulers, state_dict["schedulers"], strict=True):
             scheduler.last_epoch = int(epoch)
+        self._actor_metrics = dict(state_dict.get("actor_metrics", self._actor_metrics))
 
     def step(self, trainer: Trainer, sub_batch: TensorDictBase) -> TensorDictBase:
         """Update on ``sub_batch``; returns losses, gradient norms, angles and mean values per objective."""

@@ -210,7 +210,7 @@ def test_a_full_folder_is_not_overwritten(data, folder):
 
 
 def test_a_hopeless_policy_ends_in_a_sentence():
-    with pytest.raises(RuntimeError, match="Only 0 of 40 episodes reached the goal"):
+    with pytest.raises(ValueError, match="Only 0 of 40 episodes reached the goal"):
         record_demonstrations(lambda observation: torch.zeros(len(observation), 2), SceneSampler(), 2, max_steps=3)
 
 

@@ -420,6 +420,21 @@ def test_only_the_entries_in_in_keys_are_read():
     assert torch.equal(full["loss_qvalue"], fewer["loss_qvalue"])
 
 
+def test_the_critic_may_see_more_than_the_actor():
+    actor, _ = networks(3, 2)
+    keys = ["observation", "context", "preference", "action"]
+    critic = TensorDictModule(Concatenate(STATE + 2 + 2 + ACTION, 3), keys, ["state_action_value"])
+    loss = MORLTD3Loss(actor, critic, bounds=(LOW, HIGH))
+    batch = make_batch()
+    batch["context"], batch["next", "context"] = torch.randn(12, 2), torch.randn(12, 2)
+    assert {"context", ("next", "context")} <= set(loss.in_keys)
+    out = loss(batch)
+    (out["loss_actor"] + out["loss_qvalue"]).backward()
+    batch["next", "context"] += 1.0
+    assert not torch.equal(loss(batch)["target_value"], out["target_value"])
+    assert torch.equal(loss(batch)["loss_actor"], out["loss_actor"])
+
+
 def test_it_may_be_called_with_tensors():
     loss, batch = make_loss(), make_batch()
     inputs = {"_".join(key) if isinstance(key, tuple) else key: batch[key] for key in loss.in_keys}

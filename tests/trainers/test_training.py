@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import torch
-from support import SMALL, configure, trainer_for
+from support import ANALYTICAL, SMALL, configure, trainer_for
 from torchrl.checkpoint import CheckpointRotation
 
 import morlnav.train
@@ -149,6 +149,8 @@ def test_a_resumed_training_equals_an_unbroken_one_bit_for_bit(batches, override
     torch.manual_seed(99)
     resumed.load_from_file(latest(tmp_path / "stopped"))
     assert resumed.collected_frames == stopped.collected_frames
+    reported, remembered = (t.optimization_stepper.state_dict()["actor_metrics"] for t in (stopped, resumed))
+    assert reported == remembered
     resumed.train()
     assert_identical(learned(resumed), expected)
 
@@ -175,7 +177,7 @@ def test_ctrl_c_says_how_to_go_on_and_going_on_loses_nothing(smoke_run, tmp_path
 
 def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_run, tmp_path):
     directory = tmp_path / "0_seed=0,world=tensor"  # named as a sweep names its runs
-    words = [sys.executable, "-m", "morlnav.train", *SMALL, f"hydra.run.dir='{directory}'"]
+    words = [sys.executable, "-m", "morlnav.train", *SMALL, ANALYTICAL, f"hydra.run.dir='{directory}'"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         for _ in range(1200):

@@ -31,7 +31,6 @@ def audit_run(
     output: Path | None = None,
     num_scenes: int = 100,
     scene_seed: int = 0,
-    quiet: bool = False,
     **settings: Any,
 ) -> Audit:
     """Audit a saved reward, write tables and figures to ``output``, and the verdict into the reward's facts.
@@ -41,7 +40,6 @@ def audit_run(
         output: where results go; ``audit`` beside the model by default.
         num_scenes: held-out scenes.
         scene_seed: of the scenes.
-        quiet: do not print the report.
         settings: arguments of :func:`~morlnav.evaluation.audit_reward`, such as ``offset=1.0``.
 
     Returns:
@@ -58,9 +56,7 @@ def audit_run(
         reward, scenes=evaluation_scenes(num_scenes, seed=scene_seed), observe_human=all(sees), **settings
     )
     output = output or file.parent / "audit"
-    report = write_audit(audit, output)
-    if not quiet:
-        print(f"{report}\nTables and figures are in {output}")
+    write_audit(audit, output)
     verdict = {"settings": {"num_scenes": num_scenes, "scene_seed": scene_seed, **settings}, **audit.summary()}
     save_reward(reward, file, {**read_facts(file)["facts"], "audit": verdict})
     return audit
@@ -83,7 +79,9 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     settings = {name: getattr(args, name) for name in ("plans", "scale", "offset", "seed")}
     with one_sentence_errors():
-        audit = audit_run(args.path, args.output, args.scenes, args.scene_seed, **settings)
+        output = args.output or find_reward(args.path).parent / "audit"
+        audit = audit_run(args.path, output, args.scenes, args.scene_seed, **settings)
+        print(f"{(output / 'audit.md').read_text()}\nTables and figures are in {output}")
         sys.exit(0 if audit.passed else 1)
 
 

@@ -45,7 +45,7 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
     )
     output = output or directory / "evaluation"
     references = _references(cfg, scenes, env.world)
-    table = write_report(
+    return write_report(
         rollouts,
         output,
         rewards=tuple(env.rewards),
@@ -53,9 +53,6 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
         references=references,
         reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
     )
-    print(table)
-    print(f"Tables and figures are in {output}")
-    return table
 
 
 def _references(cfg: DictConfig, scenes: Scene, world: World) -> list[Tensor] | None:
@@ -85,7 +82,8 @@ def main() -> None:
     torch.set_num_threads(args.threads)
     changes = {name: getattr(args, name) for name in ("episodes", "steps", "seed") if getattr(args, name) is not None}
     with one_sentence_errors():
-        evaluate_run(args.run, args.output, args.trust, **changes)
+        print(evaluate_run(args.run, args.output, args.trust, **changes))
+        print(f"Tables and figures are in {args.output or args.run / 'evaluation'}")
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     print(f"\nTrained for {(time.perf_counter() - start) / 60:.1f} minutes.")
     with stage("evaluation", cfg.trainer.progress_bar):
         table = evaluate_run(directory, trust=True)
-    print(f"Everything is in {directory}")
+    print(f"{table}\nEverything is in {directory}")
     return table
 
 

@@ -181,7 +181,6 @@ def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
                 offset=cfg.objectives.demo.offset,
                 snippet=cfg.ranking.snippet or 25,
                 seed=cfg.seed,
-                quiet=True,
             )
             unfinished.rename(report)
         shutil.copytree(report, directory / "audit", dirs_exist_ok=True)

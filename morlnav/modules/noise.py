@@ -167,7 +167,7 @@ class WanderingNoise(EpsilonGreedyNoise):
         >>> observation = torch.zeros(1, 34)
         >>> observation[0, :2] = torch.tensor([8.0, 0.1])  # the goal is slightly to the left
         >>> noise(torch.zeros(1, 2), observation=observation)
-        tensor([[0.4901, 0.5000]])
+        tensor([[0.4950, 0.5000]])
     """
 
     def __init__(

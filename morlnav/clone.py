@@ -16,7 +16,7 @@ from torch import Tensor
 
 from morlnav.cli import conf_dir, one_sentence_errors, quiet
 from morlnav.envs import GoalProgress
-from morlnav.evaluation import Outcome, evaluate_policy, evaluation_scenes
+from morlnav.evaluation import Behaviour, Outcome, Rollouts, evaluation_scenes
 from morlnav.evaluation.noise import noisy_rollouts
 from morlnav.evaluation.statistics import _interval
 from morlnav.record.plots import COLOURS, INK, _tidy
@@ -73,12 +73,14 @@ def _demonstrator(cfg: DictConfig) -> Callable[[Tensor], Tensor]:
 def _free_scenes(cfg: DictConfig, count: int) -> Scene:
     """Held-out scenes in which the demonstrator reaches the goal."""
     scenes = evaluation_scenes(4 * count, seed=cfg.evaluation.seed, sampler=build(cfg.env.scenes))
-    oracle = _demonstrator(cfg)
-    driven = evaluate_policy(lambda obs, _: oracle(obs), scenes, torch.ones(1, 2), max_steps=cfg.env.max_steps)
-    free = (driven.outcome[0] == Outcome.GOAL).nonzero().flatten()[:count]
+    free = (_drive(_demonstrator(cfg), scenes, cfg).outcome[0] == Outcome.GOAL).nonzero().flatten()[:count]
     if len(free) < count:
         raise ValueError(f"The demonstrator reaches the goal in only {len(free)} of {4 * count} scenes.")
     return scenes[free]
+
+
+def _drive(policy: Callable[[Tensor], Tensor], scenes: Scene, cfg: DictConfig) -> Rollouts:
+    return Behaviour(lambda observation, _: policy(observation), cfg.env.max_steps).drive(scenes)
 
 
 def _whole_way(scenes: Scene) -> Tensor:
@@ -87,8 +89,7 @@ def _whole_way(scenes: Scene) -> Tensor:
 
 def _baseline(policy: Callable[[Tensor], Tensor], scenes: Scene, cfg: DictConfig) -> Tensor:
     """Normalised baseline returns ``[S]``."""
-    driven = evaluate_policy(lambda obs, _: policy(obs), scenes, torch.ones(1, 2), max_steps=cfg.env.max_steps)
-    return driven.reward[0, ..., 0].sum(-1) / _whole_way(scenes)
+    return _drive(policy, scenes, cfg).reward[0, ..., 0].sum(-1) / _whole_way(scenes)
 
 
 def _table(name: str, values: Sequence[float], returns: Tensor, cfg: DictConfig, scenes: Scene) -> pd.DataFrame:

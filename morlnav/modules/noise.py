@@ -6,12 +6,13 @@ import math
 from collections.abc import Callable
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
+from morlnav.modules.networks import ActionBounds
 from morlnav.world.geometry import wrap_angle
 
 
-class EpsilonGreedyNoise(nn.Module):
+class EpsilonGreedyNoise(ActionBounds):
     """Replace the share ``ε`` of a policy's actions by uniformly random ones, each held ``hold`` steps (Sec. III-C).
 
     ``hold=1`` draws independently at every step, as printed. Such noise hardly moves the robot and shows in the action
@@ -59,15 +60,13 @@ class EpsilonGreedyNoise(nn.Module):
         hold: int = 1,
         generator: torch.Generator | None = None,
     ) -> None:
-        super().__init__()
+        super().__init__(action_low, action_high)
         epsilon = torch.as_tensor(epsilon, dtype=torch.float32)
         if not ((epsilon >= 0) & (epsilon <= 1)).all():
             raise ValueError(f"epsilon must be between 0 and 1, got {epsilon.tolist()}.")
         if hold < 1:
             raise ValueError(f"hold must be at least 1 step, got {hold}.")
         self.register_buffer("epsilon", epsilon)
-        self.register_buffer("low", torch.as_tensor(action_low, dtype=torch.float32))
-        self.register_buffer("high", torch.as_tensor(action_high, dtype=torch.float32))
         self.hold = hold
         self.generator = generator
         self.reset()

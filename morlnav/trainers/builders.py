@@ -70,13 +70,15 @@ def make_features(node: DictConfig, env: NavigationEnv) -> nn.Module:
     )
 
 
+def bounds_of(env: NavigationEnv) -> dict[str, list[float]]:
+    """The action's bounds, by the names of the arguments that networks and noise take them as."""
+    robot = env.world.robot
+    return {"action_low": robot.action_low.tolist(), "action_high": robot.action_high.tolist()}
+
+
 def make_networks(cfg: DictConfig, env: NavigationEnv) -> tuple[nn.Module, list[nn.Module]]:
     """The actor and the twin critics as plain modules that fit the environment."""
-    shape = {
-        "num_preferences": len(env.objectives),
-        "action_low": env.world.robot.action_low.tolist(),
-        "action_high": env.world.robot.action_high.tolist(),
-    }
+    shape = {"num_preferences": len(env.objectives), **bounds_of(env)}
     actor = build(cfg.networks.actor, **shape, features=make_features(cfg.networks.features, env))
     critics = [
         build(

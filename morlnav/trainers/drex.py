@@ -21,7 +21,7 @@ from morlnav.data import SnippetPairs, load_demonstrations, roll_out_ranked, sav
 from morlnav.envs import NavigationEnv, default_objectives
 from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, read_facts, save_reward
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
-from morlnav.trainers.builders import build, make_base_env, make_features
+from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
 from morlnav.trainers.supervised import fit
 
 STAGES = ("world", "env", "demonstrations", "networks.features", "clone", "ranking")
@@ -79,7 +79,7 @@ def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | No
     path = stage_directory(cfg, *STAGES[:5]).with_suffix(".pt")
     torch.manual_seed(cfg.seed)  # the same clone whether or not an earlier stage came from the cache
     env = _bare_env(cfg, 1)
-    bounds = _action_bounds(env)
+    bounds = bounds_of(env)
     actor = build(cfg.clone.actor, num_preferences=0, **bounds, features=make_features(cfg.networks.features, env))
     with stage("clone", cfg.trainer.progress_bar, path.exists()):
         if path.exists():
@@ -111,7 +111,7 @@ def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | No
 
 def make_ranked_rollouts(cfg: DictConfig, clone: nn.Module) -> TensorDict:
     """Roll the clone out under every noise level of the config."""
-    bounds = _action_bounds(_bare_env(cfg, 1))
+    bounds = bounds_of(_bare_env(cfg, 1))
     return roll_out_ranked(
         clone,
         lambda count: _bare_env(cfg, count, seed=cfg.seed + 1),
@@ -140,9 +140,7 @@ def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tup
     train = SnippetPairs(rollouts[:, :split], settings.snippet)
     held_out = SnippetPairs(rollouts[:, split:], settings.snippet).sample(512)
     members = [
-        build(
-            settings.model, inputs=list(inputs), **_action_bounds(env), features=make_features(settings.features, env)
-        )
+        build(settings.model, inputs=list(inputs), **bounds_of(env), features=make_features(settings.features, env))
         for inputs in settings.members
     ]
     networks = [TensorDictModule(member, ["observation", "action"], ["reward"]) for member in members]
@@ -194,8 +192,3 @@ def _reward_file(cfg: DictConfig) -> Path:
 def _bare_env(cfg: DictConfig, num_envs: int, seed: int | None = None) -> NavigationEnv:
     """The environment with the analytical objectives, in which demonstrations and roll-outs are made."""
     return make_base_env(cfg, num_envs, seed, default_objectives())
-
-
-def _action_bounds(env: NavigationEnv) -> dict[str, list[float]]:
-    robot = env.world.robot
-    return {"action_low": robot.action_low.tolist(), "action_high": robot.action_high.tolist()}

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from omegaconf import DictConfig
 
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.evaluation import Audit, audit_reward, evaluation_scenes, write_audit
 from morlnav.modules import NavigationFeatures, load_reward, read_facts, save_reward
+from morlnav.trainers.builders import build
 
 
 def find_reward(path: Path) -> Path:
@@ -31,6 +33,8 @@ def audit_run(
     output: Path | None = None,
     num_scenes: int = 100,
     scene_seed: int = 0,
+    *,
+    cfg: DictConfig | None = None,
     **settings: Any,
 ) -> Audit:
     """Audit a saved reward, write tables and figures to ``output``, and the verdict into the reward's facts.
@@ -40,7 +44,9 @@ def audit_run(
         output: where results go; ``audit`` beside the model by default.
         num_scenes: held-out scenes.
         scene_seed: of the scenes.
-        settings: arguments of :func:`~morlnav.evaluation.audit_reward`, such as ``offset=1.0``.
+        cfg: of the run that learned the reward: judge in its world and scenes, against its demonstrator, with its
+            scale and offset. Without it, everything is as in the paper.
+        settings: arguments of :func:`~morlnav.evaluation.audit_reward`, such as ``offset=1.0``; they win over ``cfg``.
 
     Returns:
         The audit.
@@ -52,9 +58,16 @@ def audit_run(
     file = find_reward(path)
     reward = load_reward(file)
     sees = [module.observe_human for module in reward.modules() if isinstance(module, NavigationFeatures)]
-    audit = audit_reward(
-        reward, scenes=evaluation_scenes(num_scenes, seed=scene_seed), observe_human=all(sees), **settings
-    )
+    parts: dict[str, Any] = {}
+    sampler = None
+    if cfg is not None:
+        sampler = build(cfg.env.scenes)
+        parts = {"oracle": build(cfg.demonstrations.policy), "world": build(cfg.world, device="cpu")}
+        demo, snippet = cfg.objectives.demo, cfg.ranking.snippet or 25
+        own = {"scale": demo.scale, "offset": demo.offset, "snippet": snippet, "max_steps": cfg.env.max_steps}
+        settings = own | settings
+    scenes = evaluation_scenes(num_scenes, seed=scene_seed, sampler=sampler)
+    audit = audit_reward(reward, scenes=scenes, observe_human=all(sees), **parts, **settings)
     output = output or file.parent / "audit"
     write_audit(audit, output)
     verdict = {"settings": {"num_scenes": num_scenes, "scene_seed": scene_seed, **settings}, **audit.summary()}
@@ -64,23 +77,32 @@ def audit_run(
 
 def main() -> None:
     """Entry point; the exit status is 0 if the reward passed."""
+    from morlnav.policy import CONFIG_FILE, check_targets, load_config  # whose training audits, too
+
     quiet()
     parser = argparse.ArgumentParser(prog="morlnav-audit", description=__doc__.split(": ", 1)[1])
     parser.add_argument("path", type=Path, metavar="RUN_DIR", help="a run directory, or where a reward.pt lies")
     parser.add_argument("--scenes", type=int, default=100, help="held-out scenes (default: 100)")
     parser.add_argument("--scene-seed", type=int, default=0, help="seed of the scenes")
     parser.add_argument("--plans", type=int, default=3, help="scenes to plan the best path in (default: 3; 0: none)")
-    parser.add_argument("--scale", type=float, default=10.0, help="the factor c_d (default: 10)")
-    parser.add_argument("--offset", type=float, default=-1.0, help="b_d, added to the reward (default: -1; printed: 1)")
+    parser.add_argument("--scale", type=float, help="the factor c_d (default: the run's, else 10)")
+    parser.add_argument(
+        "--offset", type=float, help="b_d, added to the reward (default: the run's, else -1; printed: 1)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="seed of noise and bootstrap")
     parser.add_argument("--output", type=Path, help="where results go (default: audit beside the model)")
     parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
+    parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    settings = {name: getattr(args, name) for name in ("plans", "scale", "offset", "seed")}
+    given = {name: getattr(args, name) for name in ("plans", "scale", "offset", "seed")}
+    settings = {name: value for name, value in given.items() if value is not None}
     with one_sentence_errors():
         output = args.output or find_reward(args.path).parent / "audit"
-        audit = audit_run(args.path, output, args.scenes, args.scene_seed, **settings)
+        cfg = load_config(args.path) if (args.path / CONFIG_FILE).is_file() else None
+        if cfg is not None and not args.trust:
+            check_targets(cfg)
+        audit = audit_run(args.path, output, args.scenes, args.scene_seed, cfg=cfg, **settings)
         print(f"{(output / 'audit.md').read_text()}\nTables and figures are in {output}")
         sys.exit(0 if audit.passed else 1)
 

@@ -16,7 +16,7 @@ from morlnav.evaluation.alternatives import Behaviour, alternative_behaviours
 from morlnav.evaluation.metrics import frechet_distance
 from morlnav.evaluation.noise import judge_noise, noisy_rollouts
 from morlnav.evaluation.planner import PathPlanner, PlannedPath
-from morlnav.evaluation.references import reference_paths
+from morlnav.evaluation.references import reference_paths, without_boxes
 from morlnav.evaluation.rollout import Outcome, Rollouts, evaluation_scenes
 from morlnav.evaluation.statistics import _interval
 from morlnav.modules import CircumnavigationOracle
@@ -62,8 +62,8 @@ class Audit:
             ``baseline`` (mean baseline return as a fraction of what the whole way to the goal pays) and ``steps``.
         calibration: a row per bin of the predicted probability that the first of two snippets has less noise:
             ``predicted``, ``empirical`` and ``pairs``.
-        plans: a row per planned scene: ``scene``, ``outcome``, ``frechet``, ``min_human_distance``,
-            ``human_on_right``.
+        plans: a row per planned scene: ``scene``, ``boxes`` (their number), ``outcome``, ``frechet``,
+            ``min_human_distance``, ``human_on_right``.
         planned: the planned paths themselves, with the target's paths in ``references``.
         facts: ``target_rank``, ``target_reward``, ``idle_margin``, ``worst_margin``, and over noisy roll-outs
             ``noise_correlation``, ``return_spearman``, ``return_kendall`` (``Σ c_d·(R̂ + b_d)`` and true baseline
@@ -116,7 +116,8 @@ def audit_reward(
 
     Behaviours are compared scene by scene, where both reach the goal without a collision (idling and spinning: where
     the target does). Then the demonstrator is rolled out under growing noise in the same scenes, and a
-    :class:`PathPlanner` finds the path that the reward likes best in some scenes where the target arrives.
+    :class:`PathPlanner` finds the path that the reward likes best in some scenes where the target arrives, taking the
+    boxes out of every second one.
 
     Args:
         reward: maps observations ``[B, 34]`` and actions ``[B, 2]`` to ``R̂`` ``[B]`` in [0, 1].
@@ -160,7 +161,10 @@ def audit_reward(
 
     chosen = arrived.nonzero().flatten()[:plans].tolist()
     planner = PathPlanner(scale, offset, world, observe_human, max_steps=max_steps)
-    planned = [planner(reward, scenes[index]) for index in chosen]
+    planned = [
+        planner(reward, scenes[index] if turn % 2 == 0 else without_boxes(scenes[index]))
+        for turn, index in enumerate(chosen)
+    ]
     references = reference_paths(scenes[chosen], oracle, world=world) if chosen else []
     others = behaviours[1:]
     facts = {
@@ -217,6 +221,7 @@ def _required(name: str, thresholds: Thresholds) -> float:
 def _plan_table(chosen: Sequence[int], planned: Sequence[PlannedPath], references: Sequence[Tensor]) -> pd.DataFrame:
     columns = {
         "scene": list(chosen),
+        "boxes": [plan.scene.boxes.shape[-2] for plan in planned],
         "outcome": [plan.outcome.name.lower() for plan in planned],
         "frechet": frechet_distance([plan.path for plan in planned], references).tolist() if planned else [],
         "min_human_distance": [plan.min_human_distance for plan in planned],

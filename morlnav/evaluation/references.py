@@ -36,15 +36,12 @@ def reference_paths(
         >>> frechet_distance(reference_paths(scenes, clockwise), reference_paths(scenes, counter)).round(decimals=1)
         tensor([2., 2.], dtype=torch.float64)
     """
-    bare = Scene(
-        start=scenes.start,
-        goal=scenes.goal,
-        human=scenes.human,
-        boxes=scenes.boxes[..., :0, :],
-        batch_size=scenes.batch_size,
-    )
     rollouts = evaluate_policy(
-        lambda observation, _: policy(observation), bare, torch.zeros(1, 2), world=world, max_steps=max_steps
+        lambda observation, _: policy(observation),
+        without_boxes(scenes),
+        torch.zeros(1, 2),
+        world=world,
+        max_steps=max_steps,
     )
     missed = (rollouts.outcome[0] != Outcome.GOAL).sum().item()
     if missed:
@@ -53,3 +50,19 @@ def reference_paths(
             f"its paths are no reference there."
         )
     return rollouts.path[0]
+
+
+def without_boxes(scenes: Scene) -> Scene:
+    """The same scenes, with only the human in them; any batch size.
+
+    >>> from morlnav.evaluation import evaluation_scenes
+    >>> without_boxes(evaluation_scenes(2)).boxes.shape[:2]
+    torch.Size([2, 0])
+    """
+    return Scene(
+        start=scenes.start,
+        goal=scenes.goal,
+        human=scenes.human,
+        boxes=scenes.boxes[..., :0, :],
+        batch_size=scenes.batch_size,
+    )

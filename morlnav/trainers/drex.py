@@ -174,10 +174,8 @@ def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
                 unfinished,
                 num_scenes=cfg.audit.scenes,
                 scene_seed=cfg.audit.scene_seed,
+                cfg=cfg,
                 plans=cfg.audit.plans,
-                scale=cfg.objectives.demo.scale,
-                offset=cfg.objectives.demo.offset,
-                snippet=cfg.ranking.snippet or 25,
                 seed=cfg.seed,
             )
             unfinished.rename(report)

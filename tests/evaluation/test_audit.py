@@ -4,8 +4,9 @@ import math
 import pandas as pd
 import pytest
 import torch
+from support import configure
 
-from morlnav.audit import find_reward, main
+from morlnav.audit import audit_run, find_reward, main
 from morlnav.evaluation import Thresholds, alternative_behaviours, audit_reward, evaluation_scenes, write_audit
 from morlnav.modules import RewardEnsemble, RewardModel, read_facts, save_reward
 from morlnav.world import SceneSampler
@@ -18,7 +19,7 @@ def scenes():
 
 @pytest.fixture(scope="module")
 def audit(scenes, ideal):
-    return audit_reward(ideal, scenes=scenes, plans=1, levels=(0.0, 0.25, 0.5))
+    return audit_reward(ideal, scenes=scenes, plans=2, levels=(0.0, 0.25, 0.5))
 
 
 def test_a_reward_for_the_demonstration_passes(audit):
@@ -51,9 +52,9 @@ def test_the_reward_falls_with_noise_and_prefers_less_of_it(audit):
 
 
 def test_the_plan_is_judged(audit):
-    assert audit.plans[["outcome", "human_on_right"]].values.tolist() == [["goal", True]]
-    assert len(audit.planned) == len(audit.references) == 1
-    assert 0.0 < audit.plans["frechet"][0] < 0.45
+    assert audit.plans[["boxes", "outcome", "human_on_right"]].values.tolist() == [[1, "goal", True], [0, "goal", True]]
+    assert len(audit.planned) == len(audit.references) == 2
+    assert audit.plans["frechet"].between(0.0, 0.45).all()
 
 
 def brief(reward, scenes, **settings):
@@ -126,6 +127,20 @@ def test_the_command_line_judges_a_saved_reward(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["morlnav-audit", str(tmp_path / "nowhere")])
     with pytest.raises(SystemExit, match="There is no reward model"):
         main()
+
+
+def test_a_run_is_judged_by_its_own_demonstrator_and_scale(tmp_path):
+    save_reward(RewardModel(depth=1, num_cells=8), tmp_path / "reward.pt", {})
+    objectives = "objectives=[baseline,demo,distance,efficiency]"
+    cfg = configure(
+        objectives, "demonstrations.policy.radius=0.75", "objectives.demo.scale=3.0", "env.scenes.num_boxes=0"
+    )
+    judged = audit_run(tmp_path, num_scenes=2, cfg=cfg, plans=0, levels=(0.0, 0.5))
+    frame = judged.behaviours.set_index("behaviour")
+    assert frame.loc["radius 0.75", "margin"] == 0
+    assert frame.loc["target", "pairs"] == 2
+    verdict = read_facts(tmp_path / "reward.pt")["facts"]["audit"]
+    assert verdict["settings"]["scale"] == 3.0
 
 
 def test_a_target_that_never_arrives_is_no_target(scenes, ideal):

@@ -13,7 +13,7 @@ from torch import Tensor
 from morlnav.evaluation.paths import shortest_path
 from morlnav.evaluation.rollout import Outcome, Rollouts
 from morlnav.world import TensorWorld, World
-from morlnav.world.geometry import wrap_angle
+from morlnav.world.geometry import distance_to_box, wrap_angle
 
 
 def episode_metrics(
@@ -45,6 +45,7 @@ def episode_metrics(
     ``human_on_right``             1 where the robot passes clockwise around the human, else 0
     ``return_<name>``              undiscounted sum of the objective's rewards
     ``frechet``                    discrete Fréchet distance to the scene's reference path, m; only with references
+    ``frechet_free``               the same where no box is in the reference's way, else NaN
     =============================  ================================================================================
 
     Args:
@@ -107,8 +108,15 @@ def episode_metrics(
         **{f"return_{name}": rollouts.reward[..., i].sum(-1) for i, name in enumerate(rewards)},
     }
     if references is not None:
-        columns["frechet"] = torch.stack([frechet_distance(paths, references) for paths in rollouts.path])
+        frechet = torch.stack([frechet_distance(paths, references) for paths in rollouts.path])
+        boxes = rollouts.scene[0].boxes
+        free = [_is_free(*pair, world.robot.radius) for pair in zip(references, boxes, strict=True)]
+        columns |= {"frechet": frechet, "frechet_free": frechet.where(torch.tensor(free), torch.nan)}
     return pd.DataFrame({name: _tidy(value) for name, value in columns.items()})
+
+
+def _is_free(path: Tensor, boxes: Tensor, radius: float) -> bool:
+    return not (distance_to_box(path.cpu().unsqueeze(1), boxes) <= radius).any()
 
 
 def _tidy(value: Tensor) -> np.ndarray:

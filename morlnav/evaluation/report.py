@@ -26,6 +26,7 @@ TABLE = {
     "min_human_distance": ("min d_h m", 2),
     "min_obstacle_distance": ("min d_obst m", 2),
     "frechet": ("Fréchet m", 2),
+    "frechet_free": ("where free", 2),
     "human_on_right": ("on right", 2),
     "personal_space": ("personal space", 2),
 }

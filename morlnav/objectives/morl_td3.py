@@ -18,6 +18,7 @@ from torchrl.objectives.value import TD0Estimator
 
 from morlnav.objectives.angle import AngleTerm
 from morlnav.objectives.bounds import action_bounds
+from morlnav.objectives.guidance import Guidance
 from morlnav.objectives.scalarisation import LinearScalarisation
 
 LOSS_FUNCTIONS = ("l2", "l1", "smooth_l1")
@@ -49,6 +50,7 @@ class MORLTD3Loss(LossModule):
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
         angle: the angle term; ``None`` leaves it out.
         interpolator: maps λ to a value direction ``λ_p`` ``[..., m]``; without one, ``λ_p`` is the weight vector.
+        guidance: adds a pull toward a demonstrator's actions to the actor's loss; ``None`` leaves it out.
         separate_losses: keep critic gradients off parameters shared with the actor.
         reduction: ``"mean"``, ``"sum"`` or ``"none"`` over the batch.
         deactivate_vmap: loop over critics instead of ``vmap``.
@@ -100,6 +102,7 @@ class MORLTD3Loss(LossModule):
         "target_value",
         "angle_actor",
         "angle_qvalue",
+        "guidance",
     ]
 
     actor_network: TensorDictModule
@@ -125,6 +128,7 @@ class MORLTD3Loss(LossModule):
         scalarisation: nn.Module | None = None,
         angle: AngleTerm | None = None,
         interpolator: nn.Module | None = None,
+        guidance: Guidance | None = None,
         separate_losses: bool = False,
         reduction: str | None = None,
         deactivate_vmap: bool = False,
@@ -145,8 +149,10 @@ class MORLTD3Loss(LossModule):
         self.reduction = reduction or "mean"
         self.scalarisation = scalarisation if scalarisation is not None else LinearScalarisation()
         self.angle = angle
-        self.out_keys = [key for key in self.out_keys if angle is not None or not key.startswith("angle_")]
+        absent = ("angle_",) * (angle is None) + ("guidance",) * (guidance is None)
+        self.out_keys = [key for key in self.out_keys if not key.startswith(absent)]
         self.interpolator = interpolator
+        self.guidance = guidance
 
         policy_params = list(actor_network.parameters()) if separate_losses else None
         self.convert_to_functional(actor_network, "actor_network", create_target_params=delay_actor)
@@ -190,6 +196,7 @@ class MORLTD3Loss(LossModule):
                     ("next", keys.done),
                     ("next", keys.terminated),
                     *self.actor_network.in_keys,
+                    *(self.guidance.guide.in_keys if self.guidance is not None else []),
                     *[("next", key) for key in self.actor_network.in_keys],
                     *self.qvalue_network.in_keys,
                     *[("next", key) for key in self.qvalue_network.in_keys if key != keys.action],
@@ -218,8 +225,14 @@ class MORLTD3Loss(LossModule):
         with params.to_module(self.actor_network, preserve_module_state=False):
             return self.actor_network(inputs)
 
-    def _weights(self, tensordict: TensorDictBase, num_objectives: int) -> Tensor:
-        return self.scalarisation(tensordict.get(self.tensor_keys.preference), num_objectives)
+    def _scalarise(self, tensordict: TensorDictBase, value: Tensor) -> Tensor:
+        """``wᵀQ`` of value vectors ``[..., B, m]``, ``[..., B]``."""
+        weights = self.scalarisation(tensordict.get(self.tensor_keys.preference), value.shape[-1])
+        return (weights * value).sum(-1)
+
+    @property
+    def _half_range(self) -> Tensor:
+        return (self.max_action - self.min_action) / 2
 
     def _angles(self, tensordict: TensorDictBase, value: Tensor) -> Tensor:
         """Angles between value vectors ``[..., B, m]`` and the preference's interpolated direction, ``[..., B]``."""
@@ -234,15 +247,31 @@ class MORLTD3Loss(LossModule):
         """Loss of the actor and its metadata; only the first critic is evaluated, and gets no gradient."""
         weights = self._maybe_get_priority_weight(tensordict)
         acted = self._act(tensordict, self.actor_network_params)
-        with self._first_critic_params.to_module(self.qvalue_network, preserve_module_state=False):
-            value = self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
-        loss = -(self._weights(tensordict, value.shape[-1]) * value).sum(-1)
+        value = self._first_value(acted)
+        loss = -self._scalarise(tensordict, value)
         metadata = {"state_action_value_actor": value.detach()}
+        if self.guidance is not None:
+            penalty = self._guide(tensordict, acted, value)
+            metadata["guidance"] = penalty.detach()
+            loss = loss + penalty
         if self.angle is not None:
             angle = self._angles(tensordict, value)
             metadata["angle_actor"] = angle.detach()
             loss = loss + self.angle.actor * angle
         return self._reduce_loss(loss, tensordict=tensordict, weights=weights), metadata
+
+    def _first_value(self, acted: TensorDictBase) -> Tensor:
+        """Value vectors ``[B, m]`` of the first critic, whose parameters get no gradient."""
+        with self._first_critic_params.to_module(self.qvalue_network, preserve_module_state=False):
+            return self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
+
+    def _guide(self, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
+        key, guide = self.tensor_keys.action, self.guidance.guide
+        with torch.no_grad():
+            proposal = guide(tensordict.select(*guide.in_keys)).get(guide.out_keys[0])
+            gain = self._scalarise(tensordict, self._first_value(acted.copy().set(key, proposal)) - value)
+        apart = (acted.get(key) - proposal) / self._half_range
+        return self.guidance(apart, gain, tensordict.get(self.tensor_keys.preference))
 
     @property
     def _first_critic_params(self) -> TensorDictBase:
@@ -273,12 +302,10 @@ class MORLTD3Loss(LossModule):
         following = step_mdp(tensordict)
         following = self._act(following, self.target_actor_network_params)
         action = following.get(keys.action)
-        half_range = (self.max_action - self.min_action) / 2
         noise = (torch.randn_like(action) * self.policy_noise).clamp(-self.noise_clip, self.noise_clip)
-        following.set(keys.action, (action + noise * half_range).clamp(self.min_action, self.max_action))
+        following.set(keys.action, (action + noise * self._half_range).clamp(self.min_action, self.max_action))
         twins = self._values(following, self.target_qvalue_network_params)
-        scalar = (self._weights(following, twins.shape[-1]) * twins).sum(-1)
-        chosen = scalar.argmin(0)[None, ..., None].expand(1, *twins.shape[1:])
+        chosen = self._scalarise(following, twins).argmin(0)[None, ..., None].expand(1, *twins.shape[1:])
         next_value = twins.gather(0, chosen).squeeze(0)
 
         inputs = tensordict.select("next").copy()

@@ -15,11 +15,11 @@ from torchrl.objectives import ValueEstimators
 
 from morlnav.data import PreferenceSampler
 from morlnav.envs import NavigationEnv, Objective
-from morlnav.objectives import MORLTD3Loss
+from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
-LOSS_SETTINGS = ("angle", "angles", "interpolator", "gamma", "gamma_start", "gamma_fraction")
+LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "gamma", "gamma_start", "gamma_fraction")
 
 
 def build(node: DictConfig, **objects: Any) -> Any:
@@ -92,8 +92,10 @@ def make_networks(cfg: DictConfig, env: NavigationEnv) -> tuple[nn.Module, list[
     return actor.to(env.device), [critic.to(env.device) for critic in critics]
 
 
-def make_loss(cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: list[nn.Module]) -> MORLTD3Loss:
-    """The loss with its angle term, interpolator and value estimator."""
+def make_loss(
+    cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: list[nn.Module], clone: nn.Module | None = None
+) -> MORLTD3Loss:
+    """The loss with its angle term, interpolator, value estimator and, given a ``clone``, guidance."""
     settings = [key for key in cfg.loss if key not in LOSS_SETTINGS]
     if cfg.loss.angle not in cfg.loss.angles:
         raise ValueError(f"loss.angle must be one of {', '.join(cfg.loss.angles)}, got {cfg.loss.angle}.")
@@ -109,9 +111,15 @@ def make_loss(cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: li
         interpolator=instantiate(
             cfg.loss.interpolator, num_objectives=len(env.objectives), num_static=env.num_static
         ).to(env.device),
+        guidance=None if clone is None else _make_guidance(cfg, env, clone),
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=float(cfg.loss.gamma))
     return loss.to(env.device)
+
+
+def _make_guidance(cfg: DictConfig, env: NavigationEnv, clone: nn.Module) -> Guidance:
+    guide = TensorDictModule(clone.to(env.device), ["observation"], ["action"])
+    return build(cfg.loss.guidance, guide=guide, entry=list(env.objectives).index("demo"))
 
 
 def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:

@@ -23,7 +23,7 @@ from morlnav.data import rewarded_transitions, simplex_grid
 from morlnav.evaluation import evaluation_scenes
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.builders import build, make_env, make_loss, make_networks, make_preferences, make_replay
-from morlnav.trainers.drex import make_demonstrations
+from morlnav.trainers.drex import make_demonstrations, train_clone
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.resume import RolloutState
@@ -44,7 +44,9 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
     env = make_env(cfg)
     actor, critics = make_networks(cfg, env.base_env)
     policy = TensorDictModule(actor, in_keys=["observation", "preference"], out_keys=["action"])
-    loss = make_loss(cfg, env.base_env, policy, critics)
+    guided = cfg.loss.guidance is not None and "demo" in env.base_env.objectives
+    clone = train_clone(cfg, make_demonstrations(cfg)) if guided else None
+    loss = make_loss(cfg, env.base_env, policy, critics, clone)
     noise = _make_exploration(cfg, env)
     collector = Collector(
         env,

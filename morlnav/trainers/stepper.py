@@ -50,7 +50,7 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         self.average = average
         self.schedulers = list(schedulers)
         self._actor_metrics: dict[str, torch.Tensor] = {
-            key: torch.zeros(()) for key in ("loss_actor", "grad_norm_actor", "angle_actor")
+            key: torch.zeros(()) for key in ("loss_actor", "grad_norm_actor", "angle_actor", "guidance")
         }
 
     def state_dict(self) -> dict[str, Any]:
@@ -86,8 +86,7 @@ class MORLTD3Stepper(TD3OptimizationStepper):
     def _update_actor(self, trainer: Trainer, sub_batch: TensorDictBase) -> dict[str, torch.Tensor]:
         loss, actor = trainer.compute_loss(sub_batch, method="actor_loss")
         metrics = {"loss_actor": loss.detach(), "grad_norm_actor": self._apply(trainer, loss, self.optimizer_actor)}
-        if "angle_actor" in actor:
-            metrics["angle_actor"] = actor["angle_actor"].mean()
+        metrics |= {key: actor[key].mean() for key in ("angle_actor", "guidance") if key in actor}
         self._step_scheduler(0)
         self.target_net_updater.step()
         if self.average is not None:

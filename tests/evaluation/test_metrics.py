@@ -75,6 +75,16 @@ def test_frechet_distance_ignores_the_padding(rollouts):
     frame = episode_metrics(rollouts, references=[reference])
     # Row 0: 0.5 m at x = 2.5. Row 1: its end (0, 2) against the reference's end (3, 0).
     assert frame["frechet"].tolist() == pytest.approx([0.5, math.hypot(3, 2)], abs=1e-5)
+    assert frame["frechet_free"].tolist() == frame["frechet"].tolist()
+
+
+@pytest.mark.parametrize(("y", "free"), [(1.2, True), (1.0, False)])
+def test_the_frechet_distance_is_told_apart_where_a_box_is_in_the_references_way(rollouts, y, free):
+    reference = torch.tensor([[0.0, 0.0], [1.0, 0.4], [2.0, 0.0], [3.0, 0.0]])
+    box = torch.tensor([[[1.5, y, 0.5, 0.5, 0.0]]])  # 0.3 m or 0.1 m from the reference; the robot's radius is 0.18 m
+    old = rollouts.scene[0]
+    rollouts.scene = Scene(start=old.start, goal=old.goal, human=old.human, boxes=box, batch_size=[1]).expand(2, 1)
+    assert episode_metrics(rollouts, references=[reference])["frechet_free"].notna().tolist() == [free, free]
 
 
 def test_frechet_distance_agrees_with_the_recursion():

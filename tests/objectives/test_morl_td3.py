@@ -16,7 +16,7 @@ from torchrl.trainers.algorithms.td3 import TD3OptimizationStepper
 
 from morlnav.data import UniformPreferences
 from morlnav.modules import PreferenceInterpolator
-from morlnav.objectives import AngleTerm, ClampedAngleTerm, LinearScalarisation, MORLTD3Loss
+from morlnav.objectives import AngleTerm, ClampedAngleTerm, Guidance, LinearScalarisation, MORLTD3Loss
 from morlnav.transforms import HindsightPreferenceRelabel
 
 STATE, ACTION = 3, 1
@@ -560,3 +560,49 @@ def test_a_preference_longer_than_the_rewards_is_refused():
 def test_ties_are_broken_by_a_small_weight_on_every_tuneable_objective():
     weights = LinearScalarisation(tie_break=0.1)(torch.tensor([1.0, 0.0]), 3)
     torch.testing.assert_close(weights, torch.tensor([1.0, 1.1, 0.1]))
+
+
+def guided(**options):
+    guide = TensorDictModule(lambda observation: observation[..., :1].clamp(-2, 2), ["observation"], ["action"])
+    return make_loss(guidance=Guidance(guide, entry=1, **{"margin": 0.0, **options}))
+
+
+def test_guidance_pulls_toward_the_guide_where_the_critic_agrees():
+    loss, batch = guided(), make_batch()
+    plain, _ = make_loss().actor_loss(batch)
+    total, metadata = loss.actor_loss(batch)
+    with loss.actor_network_params.to_module(loss.actor_network):
+        action = loss.actor_network(batch.clone())["action"]
+    proposal = batch["observation"][:, :1].clamp(-2, 2)
+    first = loss.qvalue_network_params.detach()[0]
+    scalar = []
+    for candidate in (action, proposal):
+        with first.to_module(loss.qvalue_network):
+            value = loss.qvalue_network(batch.clone().set("action", candidate))["state_action_value"]
+        scalar.append((LinearScalarisation()(batch["preference"], 3) * value).sum(-1))
+    expected = 0.5 * batch["preference"][:, 1] * (scalar[1] >= scalar[0]) * ((action - proposal) / 2).square().sum(-1)
+    torch.testing.assert_close(metadata["guidance"], expected)
+    assert 0 < (expected > 0).sum() < len(batch)
+    torch.testing.assert_close(total, plain + expected.mean())
+
+
+def test_a_margin_decides_how_much_loss_guidance_may_cost():
+    batch = make_batch()
+    always, never = (guided(margin=margin).actor_loss(batch)[1]["guidance"] for margin in (1e6, -1e6))
+    assert (always > 0).all()
+    assert (never == 0).all()
+
+
+def test_guidance_teaches_the_actor_and_leaves_guide_and_critics_alone():
+    torch.manual_seed(0)
+    guide = TensorDictModule(nn.Linear(STATE, ACTION), ["observation"], ["action"])
+    loss = make_loss(guidance=Guidance(guide, margin=1e6))
+    loss.actor_loss(make_batch())[0].backward()
+    assert all(parameter.grad is None for parameter in guide.parameters())
+    assert all(parameter.grad is None for parameter in loss.qvalue_network_params.parameters())
+    assert all(parameter.grad is not None for parameter in loss.actor_network_params.parameters())
+
+
+def test_a_repelling_guidance_is_refused():
+    with pytest.raises(ValueError, match="must not be negative"):
+        Guidance(TensorDictModule(nn.Identity(), ["observation"], ["action"]), coefficient=-1.0)

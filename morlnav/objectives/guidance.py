@@ -1,0 +1,59 @@
+"""A demonstrator's clone as a guide of the actor, as far as the critic does not object."""
+
+from __future__ import annotations
+
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+
+
+class Guidance(nn.Module):
+    """Behaviour cloning with a Q-filter on replayed states, in proportion to one entry ``λ_i`` of the preference.
+
+    A learned reward says what a good path is, but a single action changes its return by less than the critic's error:
+    the policy gradient alone stops at a path that is good enough. The guide proposes an action ``a_g(s)``, and the
+    actor is drawn toward it wherever the critic does not see a loss of more than ``margin`` in it (after the Q-filter
+    of Nair et al., ICRA 2018)::
+
+        c·λ_i·1[wᵀQ(s, a_g, λ) ≥ wᵀQ(s, π, λ) - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
+
+    With ``λ_i = 0`` it is absent.
+
+    Args:
+        guide: writes an action from entries of the batch, such as the behaviour clone; its parameters are frozen.
+        entry: index ``i`` of the guided objective among the preference's entries.
+        coefficient: ``c``.
+        margin: in units of the scalarised value.
+
+    Raises:
+        ValueError: for a negative coefficient.
+
+    Examples:
+        >>> import torch
+        >>> from tensordict.nn import TensorDictModule
+        >>> guide = TensorDictModule(lambda observation: observation[..., :2], ["observation"], ["action"])
+        >>> guidance = Guidance(guide, entry=0, coefficient=0.5)
+        >>> guidance(torch.tensor([[1.0, 1.0]]), torch.tensor([0.1]), torch.tensor([[0.5, 0.5]]))
+        tensor([0.5000])
+    """
+
+    def __init__(
+        self, guide: TensorDictModuleBase, entry: int = 0, coefficient: float = 0.5, margin: float = 0.1
+    ) -> None:
+        super().__init__()
+        if coefficient < 0:
+            raise ValueError(f"The coefficient of the guidance must not be negative, got {coefficient}.")
+        self.guide = guide.requires_grad_(False)
+        self.entry = entry
+        self.coefficient = coefficient
+        self.margin = margin
+
+    def forward(self, apart: Tensor, gain: Tensor, preference: Tensor) -> Tensor:
+        """Penalty ``[...]`` of actions that are ``apart`` ``[..., A]`` from the guide's, in half ranges.
+
+        Args:
+            apart: with a gradient.
+            gain: scalarised value of the guide's action less that of the actor's, ``[...]``.
+            preference: ``[..., n]``.
+        """
+        followed = preference[..., self.entry] * (gain >= -self.margin)
+        return self.coefficient * followed * apart.square().sum(-1)

@@ -1,6 +1,7 @@
 """Environments and their reward terms."""
 
 from morlnav.envs.demonstration import DemonstrationObjective
+from morlnav.envs.gym import ENV_ID, SocialNavigation, SocialNavigationVector, register
 from morlnav.envs.navigation import NavigationEnv
 from morlnav.envs.rewards import (
     Collision,
@@ -14,6 +15,7 @@ from morlnav.envs.rewards import (
 )
 
 __all__ = [
+    "ENV_ID",
     "Collision",
     "DemonstrationObjective",
     "Efficiency",
@@ -21,7 +23,11 @@ __all__ = [
     "HumanDistance",
     "NavigationEnv",
     "Objective",
+    "SocialNavigation",
+    "SocialNavigationVector",
     "Sum",
     "Transition",
     "default_objectives",
 ]
+
+register()

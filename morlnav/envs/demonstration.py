@@ -47,3 +47,8 @@ class DemonstrationObjective:
         if not self.observe_human:
             observation = torch.cat([observation[:, :2], observation[:, 4:]], -1)
         return self.scale * (self.reward(observation, transition.action) + self.offset)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step, for ``R̂`` in [0, 1]."""
+        ends = self.scale * self.offset, self.scale * (1 + self.offset)
+        return min(ends), max(ends)

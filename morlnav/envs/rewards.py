@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -51,7 +52,11 @@ class Transition:
 
 
 class Objective(Protocol):
-    """Anything callable on a :class:`Transition`; ``static = True`` fixes its preference weight at 1 (Eq. 2)."""
+    """Anything callable on a :class:`Transition`; ``static = True`` fixes its preference weight at 1 (Eq. 2).
+
+    A method ``bounds(reach)`` may give its least and largest reward in a step that leads ``reach`` metres far at most;
+    Gymnasium's ``reward_space`` is made of them.
+    """
 
     def __call__(self, transition: Transition) -> Tensor:
         """The reward of every environment, ``[B]``."""
@@ -71,6 +76,11 @@ class GoalProgress:
         """Reward ``[B]``."""
         return self.scale * (transition.goal_distance - transition.next_goal_distance)
 
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step."""
+        extent = abs(self.scale) * reach
+        return -extent, extent
+
 
 @dataclass(frozen=True)
 class Collision:
@@ -85,6 +95,10 @@ class Collision:
     def __call__(self, transition: Transition) -> Tensor:
         """Reward ``[B]``."""
         return self.penalty * (transition.contact.human | transition.contact.box).to(transition.pose.dtype)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step."""
+        return min(self.penalty, 0.0), max(self.penalty, 0.0)
 
 
 @dataclass(frozen=True)
@@ -108,6 +122,11 @@ class HumanDistance:
         intrusion = (self.threshold - transition.next_human_distance).clamp_min(0)
         return self.penalty * (intrusion / (self.threshold - self.minimum)).square()
 
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step."""
+        extreme = self.penalty * (self.threshold / (self.threshold - self.minimum)) ** 2
+        return min(extreme, 0.0), max(extreme, 0.0)
+
 
 @dataclass(frozen=True)
 class Efficiency:
@@ -122,6 +141,10 @@ class Efficiency:
     def __call__(self, transition: Transition) -> Tensor:
         """Reward ``[B]``."""
         return torch.full_like(transition.pose[..., 0], self.penalty)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """The reward of every step, twice."""
+        return self.penalty, self.penalty
 
 
 class Sum:
@@ -149,6 +172,20 @@ class Sum:
     def __call__(self, transition: Transition) -> Tensor:
         """Reward ``[B]``."""
         return sum(term(transition) for term in self.terms)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step; infinite where a term does not tell."""
+        lows, highs = zip(*(reward_bounds(term, reach) for term in self.terms), strict=True)
+        return sum(lows), sum(highs)
+
+
+def reward_bounds(objective: Objective, reach: float) -> tuple[float, float]:
+    """Least and largest reward in a step of at most ``reach`` metres; infinite for an objective without ``bounds``.
+
+    >>> reward_bounds(GoalProgress(scale=100.0), 0.1), reward_bounds(lambda transition: 0, 0.1)
+    ((-10.0, 10.0), (-inf, inf))
+    """
+    return objective.bounds(reach) if hasattr(objective, "bounds") else (-math.inf, math.inf)
 
 
 def default_objectives() -> dict[str, Objective]:

@@ -17,6 +17,7 @@ from matplotlib.patches import Circle, Rectangle
 
 if TYPE_CHECKING:
     from morlnav.evaluation.rollout import Rollouts
+    from morlnav.world import Scene
 
 COLOURS = {"demo": "#18a572", "distance": "#2b62d9", "efficiency": "#ff8c1a"}
 """Colours of known objectives; others take those of ``SPARE_COLOURS`` in turn."""
@@ -128,7 +129,7 @@ def plot_trajectories(
         share = np.linspace(0, 1, 256)
         colormap = ListedColormap(blend(np.stack([1 - share, share], 1), [colours[i] for i in edge]))
         for axes, scene in zip(grid[row], scenes, strict=True):
-            _draw_scene(axes, rollouts, scene, human_radius, robot_radius)
+            draw_scene(axes, rollouts.scene[0, scene], human_radius, robot_radius)
             if references is not None:
                 axes.plot(*references[scene].cpu().T, color=INK, lw=1.2, ls=(0, (1, 1.5)), zorder=4)
             for index in order:
@@ -158,17 +159,17 @@ def _bounds(rollouts: Rollouts, scene: int, margin: float = 0.35) -> tuple[np.nd
     return points.amin(0).numpy() - reach, points.amax(0).numpy() + reach
 
 
-def _draw_scene(axes: Axes, rollouts: Rollouts, scene: int, human_radius: float, robot_radius: float) -> None:
-    one = rollouts.scene[0, scene]
-    for x, y, length, width, angle in one.boxes.tolist():
+def draw_scene(axes: Axes, scene: Scene, human_radius: float = 0.3, robot_radius: float = 0.18) -> None:
+    """Draw boxes, human, start and goal of one ``scene``, without a batch dimension; lengths are in metres."""
+    for x, y, length, width, angle in scene.boxes.tolist():
         corner, size = (x - length, y - width), (2 * length, 2 * width)
         style = {"facecolor": BOX, "edgecolor": "#9aa0a8", "lw": 0.8, "zorder": 2}
         axes.add_patch(Rectangle(corner, *size, angle=np.degrees(angle), rotation_point="center", **style))
-    axes.add_patch(Circle(one.human.tolist(), human_radius, facecolor=HUMAN, edgecolor="#a83232", lw=0.8, zorder=2))
-    start = one.start[:2].tolist()
+    axes.add_patch(Circle(scene.human.tolist(), human_radius, facecolor=HUMAN, edgecolor="#a83232", lw=0.8, zorder=2))
+    start = scene.start[:2].tolist()
     axes.add_patch(Circle(start, robot_radius, fill=False, edgecolor=INK, lw=0.8, zorder=5))
     axes.plot(*start, "o", color="k", ms=5, zorder=6)
-    axes.plot(*one.goal.tolist(), "*", color=GOAL, ms=14, mec="w", mew=0.8, zorder=6)
+    axes.plot(*scene.goal.tolist(), "*", color=GOAL, ms=14, mec="w", mew=0.8, zorder=6)
     _tidy(axes)
 
 

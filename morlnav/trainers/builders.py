@@ -19,7 +19,16 @@ from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
-LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "gamma", "gamma_start", "gamma_fraction")
+LOSS_SETTINGS = (
+    "angle",
+    "angles",
+    "interpolator",
+    "guidance",
+    "guidance_fade",
+    "gamma",
+    "gamma_start",
+    "gamma_fraction",
+)
 
 
 def build(node: DictConfig, **objects: Any) -> Any:

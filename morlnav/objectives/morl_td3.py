@@ -29,7 +29,7 @@ class MORLTD3Loss(LossModule):
 
     With weights ``w(λ) = [1, …, λ]``, interpolated direction ``λ_p`` and the angle ``g`` of Eq. 1::
 
-        y        = r + γ·Q_k(s', ã, λ),   k = argmin_i wᵀQ_i(s', ã, λ)      (the whole vector of one twin)
+        y        = r + γ·[β·Q_k + (1 - β)·mean_i Q_i](s', ã, λ),   k = argmin_i wᵀQ_i   (the whole vector of one twin)
         L_critic = Σ_i ℓ(Q_i(s, a, λ), y) + c_critic·g(λ_p, Q_i)
         L_actor  = -wᵀQ_1(s, π(s, λ), λ) + c_actor·g(λ_p, Q_1)
 
@@ -45,6 +45,8 @@ class MORLTD3Loss(LossModule):
         policy_noise: standard deviation of the target's smoothing noise, in units of half the action range.
         noise_clip: the noise is clipped to this, in the same units.
         loss_function: ``"l2"``, ``"l1"`` or ``"smooth_l1"``.
+        pessimism: ``β``: 1 takes the smaller twin (Sec. III-B), 0 the mean of all. The smaller one is too small on
+            average, by an amount that adds up over the way to go: a hidden price on every step.
         delay_actor: keep a target actor.
         delay_qvalue: keep target critics.
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
@@ -57,7 +59,8 @@ class MORLTD3Loss(LossModule):
         use_prioritized_weights: weigh samples by the buffer's importance weights, ``"auto"`` where present.
 
     Raises:
-        ValueError: for missing or contradictory action bounds, or an unknown ``loss_function``.
+        ValueError: for missing or contradictory action bounds, an unknown ``loss_function``, or ``pessimism`` outside
+            [0, 1].
 
     Examples:
         >>> from morlnav.modules import Actor, VectorCritic
@@ -123,6 +126,7 @@ class MORLTD3Loss(LossModule):
         policy_noise: float = 0.2,
         noise_clip: float = 0.5,
         loss_function: str = "smooth_l1",
+        pessimism: float = 1.0,
         delay_actor: bool = True,
         delay_qvalue: bool = True,
         scalarisation: nn.Module | None = None,
@@ -137,6 +141,9 @@ class MORLTD3Loss(LossModule):
         super().__init__()
         if loss_function not in LOSS_FUNCTIONS:
             raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
+        if not 0 <= pessimism <= 1:
+            raise ValueError(f"pessimism must be between 0 and 1, got {pessimism}.")
+        self.pessimism = pessimism
         self.use_prioritized_weights = use_prioritized_weights
         self._in_keys = None
         self.delay_actor = delay_actor
@@ -308,7 +315,7 @@ class MORLTD3Loss(LossModule):
         following.set(keys.action, (action + noise * self._half_range).clamp(self.min_action, self.max_action))
         twins = self._values(following, self.target_qvalue_network_params)
         chosen = self._scalarise(following, twins).argmin(0)[None, ..., None].expand(1, *twins.shape[1:])
-        next_value = twins.gather(0, chosen).squeeze(0)
+        next_value = twins.mean(0).lerp(twins.gather(0, chosen).squeeze(0), self.pessimism)
 
         inputs = tensordict.select("next").copy()
         inputs.set(("next", keys.state_action_value), next_value)

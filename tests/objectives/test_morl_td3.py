@@ -174,6 +174,18 @@ def test_the_target_is_one_twins_whole_vector_not_a_minimum_by_entry():
     assert ((following - twins.amin(0)).abs().amax(-1) > 1e-3).any()
 
 
+@pytest.mark.parametrize("pessimism", [0.0, 0.25])
+def test_pessimism_mixes_the_smaller_twin_with_the_mean(pessimism):
+    batch = make_batch()
+    smaller, mixed = (make_loss(pessimism=b).value_loss(batch)[1]["next_state_value"] for b in (1.0, pessimism))
+    inputs = batch["next"].select("observation", "preference")
+    loss = make_loss()
+    action = call(loss, "actor_network", loss.target_actor_network_params, *inputs.values())
+    q = loss.target_qvalue_network_params
+    mean = sum(call(loss, "qvalue_network", q[i], *inputs.values(), action) for i in range(2)) / 2
+    torch.testing.assert_close(mixed, pessimism * smaller + (1 - pessimism) * mean)
+
+
 def test_termination_stops_bootstrapping_and_truncation_does_not():
     loss, batch = make_loss(), make_batch(count=3)
     terminated, done = torch.tensor([[True], [False], [False]]), torch.tensor([[True], [True], [False]])
@@ -533,6 +545,7 @@ def test_foreign_networks_on_a_pendulum_work_with_torchrls_spec():
         ({"bounds": None, "action_spec": Unbounded(1)}, "action_spec must be Bounded, got Unbounded"),
         ({"bounds": (HIGH, LOW)}, "Every lower action bound must be below the upper one"),
         ({"loss_function": "wrong"}, "loss_function must be one of l2, l1, smooth_l1, got wrong"),
+        ({"pessimism": 1.5}, "pessimism must be between 0 and 1, got 1.5"),
     ],
 )
 def test_wrong_arguments_are_named(options, sentence):

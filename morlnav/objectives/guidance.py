@@ -7,44 +7,54 @@ from torch import Tensor, nn
 
 
 class Guidance(nn.Module):
-    """Behaviour cloning with a Q-filter on replayed states, in proportion to one entry ``λ_i`` of the preference.
+    """Behaviour cloning with a Q-filter on replayed states, by one entry ``λ_i`` of the preference.
 
     A learned reward says what a good path is, but a single action changes its return by less than the critic's error:
     the policy gradient alone stops at a path that is good enough. The guide proposes an action ``a_g(s)``, and the
     actor is drawn toward it wherever the critic does not see a loss of more than ``margin`` in it (after the Q-filter
     of Nair et al., ICRA 2018)::
 
-        c·λ_i·1[wᵀQ(s, a_g, λ) ≥ wᵀQ(s, π, λ) - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
+        c·λ_i^p·1[wᵀQ(s, a_g, λ) ≥ wᵀQ(s, π, λ) - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
 
-    With ``λ_i = 0`` it is absent.
+    With ``λ_i = 0`` it is absent; ``p`` keeps it to preferences near the guided corner, for one network serves all of
+    them and a strong pull would crowd out the others' gradients.
 
     Args:
         guide: writes an action from entries of the batch, such as the behaviour clone; its parameters are frozen.
         entry: index ``i`` of the guided objective among the preference's entries.
         coefficient: ``c``.
+        sharpness: ``p``.
         margin: in units of the scalarised value.
 
     Raises:
-        ValueError: for a negative coefficient.
+        ValueError: for a negative coefficient or sharpness.
 
     Examples:
         >>> import torch
         >>> from tensordict.nn import TensorDictModule
         >>> guide = TensorDictModule(lambda observation: observation[..., :2], ["observation"], ["action"])
-        >>> guidance = Guidance(guide, entry=0, coefficient=0.5)
+        >>> guidance = Guidance(guide, entry=0, coefficient=0.5, sharpness=1.0)
         >>> guidance(torch.tensor([[1.0, 1.0]]), torch.tensor([0.1]), torch.tensor([[0.5, 0.5]]))
         tensor([0.5000])
     """
 
     def __init__(
-        self, guide: TensorDictModuleBase, entry: int = 0, coefficient: float = 0.5, margin: float = 0.1
+        self,
+        guide: TensorDictModuleBase,
+        entry: int = 0,
+        coefficient: float = 0.3,
+        sharpness: float = 4.0,
+        margin: float = 0.1,
     ) -> None:
         super().__init__()
-        if coefficient < 0:
-            raise ValueError(f"The coefficient of the guidance must not be negative, got {coefficient}.")
+        if coefficient < 0 or sharpness < 0:
+            raise ValueError(
+                f"Coefficient and sharpness of the guidance must not be negative, got {coefficient} and {sharpness}."
+            )
         self.guide = guide.requires_grad_(False)
         self.entry = entry
         self.coefficient = coefficient
+        self.sharpness = sharpness
         self.margin = margin
 
     def forward(self, apart: Tensor, gain: Tensor, preference: Tensor) -> Tensor:
@@ -55,5 +65,5 @@ class Guidance(nn.Module):
             gain: scalarised value of the guide's action less that of the actor's, ``[...]``.
             preference: ``[..., n]``.
         """
-        followed = preference[..., self.entry] * (gain >= -self.margin)
+        followed = preference[..., self.entry] ** self.sharpness * (gain >= -self.margin)
         return self.coefficient * followed * apart.square().sum(-1)

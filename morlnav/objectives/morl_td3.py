@@ -274,8 +274,6 @@ class MORLTD3Loss(LossModule):
 
     def _guide(self, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
         key, guide = self.tensor_keys.action, self.guidance.guide
-        if not self.guidance.coefficient:
-            return value.new_zeros(value.shape[:-1])
         with torch.no_grad():
             proposal = guide(tensordict.select(*guide.in_keys)).get(guide.out_keys[0])
             gain = self._scalarise(tensordict, self._first_value(acted.copy().set(key, proposal)) - value)

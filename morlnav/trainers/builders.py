@@ -24,7 +24,6 @@ LOSS_SETTINGS = (
     "angles",
     "interpolator",
     "guidance",
-    "guidance_fade",
     "gamma",
     "gamma_start",
     "gamma_fraction",

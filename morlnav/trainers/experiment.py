@@ -25,7 +25,7 @@ from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.builders import build, make_env, make_loss, make_networks, make_preferences, make_replay
 from morlnav.trainers.drex import make_demonstrations, train_clone
 from morlnav.trainers.evaluator import EvaluatePolicy
-from morlnav.trainers.hooks import AnnealDiscount, FadeGuidance, LogEpisodes, LogOptimisation, StepExploration
+from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.resume import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
@@ -154,10 +154,6 @@ def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, nois
     StepExploration(noise).register(trainer)
     frames = int(cfg.loss.gamma_fraction * cfg.trainer.total_frames)
     AnnealDiscount(loss, cfg.loss.gamma_start, cfg.loss.gamma, frames).register(trainer)
-    if loss.guidance is not None:
-        FadeGuidance(
-            loss.guidance, *(int(share * cfg.trainer.total_frames) for share in cfg.loss.guidance_fade)
-        ).register(trainer)
     EvaluatePolicy(
         stepper.average.module,
         base,

@@ -12,8 +12,6 @@ from torch import Tensor
 from torchrl.objectives import LossModule
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
-from morlnav.objectives import Guidance
-
 
 class AnnealDiscount(TrainerHookBase):
     """Raise the discount γ from ``start`` to its final value: ``1 - γ`` falls geometrically, then stays.
@@ -60,45 +58,6 @@ class AnnealDiscount(TrainerHookBase):
 
     def state_dict(self) -> dict[str, Any]:
         """Nothing: γ follows from the number of frames."""
-        return {}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Nothing to load."""
-
-
-class FadeGuidance(TrainerHookBase):
-    """Let a guidance of the actor fade: whole until ``start``, none from ``end`` on, linear in between.
-
-    It leads to where the reward pays; from there on the reward alone decides, for the guided objective and the others.
-
-    Args:
-        guidance: whose ``coefficient`` is set.
-        start: environment steps at which it begins to fade.
-        end: environment steps from which on it is gone.
-
-    Raises:
-        ValueError: unless ``0 <= start <= end``.
-    """
-
-    def __init__(self, guidance: Guidance, start: int, end: int) -> None:
-        if not 0 <= start <= end:
-            raise ValueError(f"A guidance fades from an earlier to a later share of the run, got {start} to {end}.")
-        self.guidance, self.start, self.end = guidance, start, end
-        self.coefficient = guidance.coefficient
-
-    def __call__(self) -> None:
-        """Set the coefficient for the coming optimisation steps."""
-        left = self.end - self.trainer.collected_frames
-        share = min(1.0, left / max(1, self.end - self.start)) if left > 0 else 0.0
-        self.guidance.coefficient = self.coefficient * share
-
-    def register(self, trainer: Trainer, name: str = "fade_guidance") -> None:
-        """Register before every round of optimisation steps."""
-        self.trainer = trainer
-        trainer.register_op("pre_optim_steps", self)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing: the coefficient follows from the number of frames."""
         return {}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:

@@ -577,7 +577,9 @@ def test_ties_are_broken_by_a_small_weight_on_every_tuneable_objective():
 
 def guided(**options):
     guide = TensorDictModule(lambda observation: observation[..., :1].clamp(-2, 2), ["observation"], ["action"])
-    return make_loss(guidance=Guidance(guide, entry=1, **{"margin": 0.0, **options}))
+    return make_loss(
+        guidance=Guidance(guide, entry=1, **{"coefficient": 0.5, "sharpness": 2.0, "margin": 0.0, **options})
+    )
 
 
 def test_guidance_pulls_toward_the_guide_where_the_critic_agrees():
@@ -593,7 +595,9 @@ def test_guidance_pulls_toward_the_guide_where_the_critic_agrees():
         with first.to_module(loss.qvalue_network):
             value = loss.qvalue_network(batch.clone().set("action", candidate))["state_action_value"]
         scalar.append((LinearScalarisation()(batch["preference"], 3) * value).sum(-1))
-    expected = 0.5 * batch["preference"][:, 1] * (scalar[1] >= scalar[0]) * ((action - proposal) / 2).square().sum(-1)
+    expected = (
+        0.5 * batch["preference"][:, 1] ** 2 * (scalar[1] >= scalar[0]) * ((action - proposal) / 2).square().sum(-1)
+    )
     torch.testing.assert_close(metadata["guidance"], expected)
     assert 0 < (expected > 0).sum() < len(batch)
     torch.testing.assert_close(total, plain + expected.mean())

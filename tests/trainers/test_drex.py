@@ -8,7 +8,6 @@ from morlnav import load
 from morlnav.modules import load_reward, read_facts
 from morlnav.train import run
 from morlnav.trainers.drex import make_demonstrations
-from morlnav.trainers.hooks import FadeGuidance
 
 SMALL = ["objectives=[baseline,demo,distance,efficiency]"]
 
@@ -100,27 +99,11 @@ def test_demonstrations_without_the_human_cannot_fill_the_replay_buffer(tmp_path
         run(configure(*words), tmp_path / "run")
 
 
-def test_the_clone_guides_the_actor_and_fades(demonstration_run, tmp_path):
+def test_the_clone_guides_the_actor(demonstration_run, tmp_path):
     _, directory = demonstration_run
     shared = [*SMALL, f"cache={directory / 'cache'}", f"objectives.demo.reward.path={directory / 'run' / 'reward.pt'}"]
-    trainer = trainer_for(configure(*shared), tmp_path / "guided")
-    guidance, total = trainer.loss_module.guidance, trainer.total_frames
+    guidance = trainer_for(configure(*shared), tmp_path / "guided").loss_module.guidance
     assert guidance.entry == 0
-    fade = FadeGuidance(guidance, total // 2, total)
-    fade.register(trainer)
-    coefficients = []
-    for trainer.collected_frames in (0, total // 2, 3 * total // 4, total):
-        fade()
-        coefficients.append(guidance.coefficient)
-    assert coefficients == pytest.approx([0.5, 0.5, 0.25, 0.0])
-    trainer.collected_frames = 0
-    trainer.train()
-    assert guidance.coefficient == 0.0
-
+    assert guidance.guide.module.num_preferences == 0
     assert trainer_for(configure(*shared, "loss.guidance=null"), tmp_path / "free").loss_module.guidance is None
     assert trainer_for(configure(), tmp_path / "analytical").loss_module.guidance is None
-
-
-def test_a_guidance_that_fades_before_it_begins_is_refused():
-    with pytest.raises(ValueError, match="from an earlier to a later share"):
-        FadeGuidance(None, 10, 5)

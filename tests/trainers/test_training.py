@@ -243,6 +243,7 @@ def test_resuming_from_a_place_without_checkpoints_says_so(path, tmp_path):
         ["env.scenes.num_boxes=0"],
         ["objectives=[baseline]", "+objectives.calm={_target_: morlnav.envs.Efficiency}"],
         ["objectives=[distance,efficiency]"],
+        ["recipe=analytical"],
         ["recipe=paper", "trainer.total_frames=12", "trainer.random_frames=6", "replay.capacity=1000"],
     ],
     ids=" ".join,

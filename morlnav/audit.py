@@ -85,6 +85,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=100, help="held-out scenes (default: 100)")
     parser.add_argument("--scene-seed", type=int, default=0, help="seed of the scenes")
     parser.add_argument("--plans", type=int, default=3, help="scenes to plan the best path in (default: 3; 0: none)")
+    parser.add_argument("--bare", action="store_true", help="take the boxes out of every second planned scene")
     parser.add_argument("--scale", type=float, help="the factor c_d (default: the run's, else 10)")
     parser.add_argument(
         "--offset", type=float, help="b_d, added to the reward (default: the run's, else -1; printed: 1)"
@@ -95,7 +96,7 @@ def main() -> None:
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    given = {name: getattr(args, name) for name in ("plans", "scale", "offset", "seed")}
+    given = {name: getattr(args, name) for name in ("plans", "bare", "scale", "offset", "seed")}
     settings = {name: value for name, value in given.items() if value is not None}
     with one_sentence_errors():
         output = args.output or find_reward(args.path).parent / "audit"

@@ -109,6 +109,7 @@ def audit_reward(
     snippet: int = 5,
     temperature: float = 10.0,
     plans: int = 3,
+    bare: bool = False,
     thresholds: Thresholds | None = None,
     seed: int = 0,
 ) -> Audit:
@@ -116,8 +117,7 @@ def audit_reward(
 
     Behaviours are compared scene by scene, where both reach the goal without a collision (idling and spinning: where
     the target does). Then the demonstrator is rolled out under growing noise in the same scenes, and a
-    :class:`PathPlanner` finds the path that the reward likes best in some scenes where the target arrives, taking the
-    boxes out of every second one.
+    :class:`PathPlanner` finds the path that the reward likes best in some scenes where the target arrives.
 
     Args:
         reward: maps observations ``[B, 34]`` and actions ``[B, 2]`` to ``R̂`` ``[B]`` in [0, 1].
@@ -135,6 +135,7 @@ def audit_reward(
         snippet: steps of the snippets that are compared.
         temperature: the logit of a pair is this times the difference of mean ``R̂``.
         plans: scenes to plan in; 0 to leave the planner out.
+        bare: take the boxes out of every second planned scene; they may stand in the way of what the reward likes more.
         thresholds: what is asked for.
         seed: of noise, snippets and bootstrap.
 
@@ -162,7 +163,7 @@ def audit_reward(
     chosen = arrived.nonzero().flatten()[:plans].tolist()
     planner = PathPlanner(scale, offset, world, observe_human, max_steps=max_steps)
     planned = [
-        planner(reward, scenes[index] if turn % 2 == 0 else without_boxes(scenes[index]))
+        planner(reward, without_boxes(scenes[index]) if bare and turn % 2 else scenes[index])
         for turn, index in enumerate(chosen)
     ]
     references = reference_paths(scenes[chosen], oracle, world=world) if chosen else []

@@ -19,7 +19,7 @@ def scenes():
 
 @pytest.fixture(scope="module")
 def audit(scenes, ideal):
-    return audit_reward(ideal, scenes=scenes, plans=2, levels=(0.0, 0.25, 0.5))
+    return audit_reward(ideal, scenes=scenes, plans=2, bare=True, levels=(0.0, 0.25, 0.5))
 
 
 def test_a_reward_for_the_demonstration_passes(audit):

@@ -58,8 +58,7 @@ def audit_run(
     file = find_reward(path)
     reward = load_reward(file)
     sees = [module.observe_human for module in reward.modules() if isinstance(module, NavigationFeatures)]
-    parts: dict[str, Any] = {}
-    sampler = None
+    sampler, parts = None, {}
     if cfg is not None:
         sampler = build(cfg.env.scenes)
         parts = {"oracle": build(cfg.demonstrations.policy), "world": build(cfg.world, device="cpu")}

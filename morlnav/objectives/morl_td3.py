@@ -45,8 +45,7 @@ class MORLTD3Loss(LossModule):
         policy_noise: standard deviation of the target's smoothing noise, in units of half the action range.
         noise_clip: the noise is clipped to this, in the same units.
         loss_function: ``"l2"``, ``"l1"`` or ``"smooth_l1"``.
-        pessimism: ``β``: 1 takes the smaller twin (Sec. III-B), 0 the mean of all. The smaller one is too small on
-            average, by an amount that adds up over the way to go: a hidden price on every step.
+        pessimism: ``β``: 1 takes the smaller twin (Sec. III-B), 0 the mean of all, which is less careful.
         delay_actor: keep a target actor.
         delay_qvalue: keep target critics.
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.

@@ -19,15 +19,7 @@ from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
-LOSS_SETTINGS = (
-    "angle",
-    "angles",
-    "interpolator",
-    "guidance",
-    "gamma",
-    "gamma_start",
-    "gamma_fraction",
-)
+LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "gamma", "gamma_start", "gamma_fraction")
 
 
 def build(node: DictConfig, **objects: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import re
 import sys
@@ -28,6 +29,18 @@ def quiet() -> None:
     logging.getLogger("torchrl").setLevel(logging.WARNING)
     warnings.filterwarnings("ignore", category=FutureWarning, module="torchrl")
     warnings.filterwarnings("ignore", message=".*init_random_frames.*")
+
+
+def keep_freed_memory() -> None:
+    """Let glibc keep the memory of freed tensors for the next ones; elsewhere nothing.
+
+    Returned to the system after every update, it comes back as a thousand page faults, a fifth of an update's time.
+    """
+    libc = ctypes.CDLL(None) if sys.platform == "linux" else None
+    if hasattr(libc, "mallopt"):
+        trim_threshold, mmap_threshold = -1, -3  # names of <malloc.h>
+        libc.mallopt(trim_threshold, 2**29)
+        libc.mallopt(mmap_threshold, 2**25)
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from morlnav import policy as policies
-from morlnav.cli import conf_dir, one_sentence_errors, quiet, stage
+from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet, stage
 from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
@@ -28,6 +28,7 @@ from morlnav.trainers.drex import learn_demonstration_reward
 def run(cfg: DictConfig, directory: Path) -> str | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the table, or ``None`` if interrupted."""
     _check_device(cfg.device)
+    keep_freed_memory()
     torch.set_num_threads(cfg.threads)
     torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
     directory.mkdir(parents=True, exist_ok=True)

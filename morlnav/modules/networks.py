@@ -100,7 +100,8 @@ class ActionBounds(nn.Module):
 
     def to_unit(self, action: Tensor) -> Tensor:
         """Actions ``[..., A]`` scaled to ``[-1, 1]``."""
-        return 2 * (action - self.low) / (self.high - self.low) - 1
+        low, high = (bound[0] if bound.ndim > 1 else bound for bound in (self.low, self.high))  # all alike in a stack
+        return 2 * (action - low) / (high - low) - 1
 
     def to_action(self, unit: Tensor) -> Tensor:
         """Values ``[..., A]`` in ``[-1, 1]`` scaled to actions."""
@@ -175,16 +176,45 @@ class VectorCritic(ActionBounds):
     ) -> None:
         super().__init__(action_low, action_high)
         self.features = features if features is not None else NavigationFeatures()
+        self.stackable = not self.features.state_dict()  # a loss then needs no vmap for several critics
         inputs = self.features.out_features + num_preferences + self.low.numel()
         self.mlp = _mlp(inputs, num_objectives, depth, num_cells, gain=1.0)
 
     def forward(self, observation: Tensor, preference: Tensor, action: Tensor) -> Tensor:
-        """Values ``[..., m]`` for observations ``[..., D]``, preferences ``[..., n]`` and actions ``[..., A]``."""
+        """Values ``[..., m]`` for observations ``[..., D]``, preferences ``[..., n]`` and actions ``[..., A]``.
+
+        With parameters of ``k`` critics stacked in front, ``[k, B, m]`` for inputs ``[B, ...]``.
+        """
         return self.mlp(self.features(observation), preference, self.to_unit(action))
 
 
+class StackableLinear(nn.Linear):
+    """A linear layer whose parameters may be a stack ``[k, ...]``: then ``k`` layers in one product.
+
+    Examples:
+        >>> layer, stack = StackableLinear(3, 2), {"weight": torch.randn(4, 2, 3), "bias": torch.randn(4, 2)}
+        >>> torch.func.functional_call(layer, stack, torch.randn(5, 3)).shape
+        torch.Size([4, 5, 2])
+    """
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """``[..., out]`` of inputs ``[..., in]``; with a stack ``[k, B, out]`` of ``[B, in]`` or ``[k, B, in]``."""
+        if self.weight.ndim == 2:
+            return super().forward(inputs)
+        inputs = inputs.expand(len(self.weight), *inputs.shape[-2:])
+        return torch.baddbmm(self.bias.unsqueeze(-1), self.weight, inputs.mT).mT  # so gradients lie as weights do
+
+
 def _mlp(in_features: int, out_features: int, depth: int, num_cells: int, gain: float) -> MLP:
-    mlp = MLP(in_features, out_features, depth=depth, num_cells=num_cells, activation_class=nn.ReLU)
+    mlp = MLP(
+        in_features,
+        out_features,
+        depth=depth,
+        num_cells=num_cells,
+        activation_class=nn.ReLU,
+        activation_kwargs={"inplace": True},
+        layer_class=StackableLinear,
+    )
     linear = [layer for layer in mlp if isinstance(layer, nn.Linear)]
     for layer in linear:
         nn.init.orthogonal_(layer.weight, gain if layer is linear[-1] else math.sqrt(2))

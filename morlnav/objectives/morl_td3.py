@@ -38,7 +38,8 @@ class MORLTD3Loss(LossModule):
     Args:
         actor_network: writes ``action`` from ``observation`` and ``preference``.
         qvalue_network: writes ``state_action_value`` ``[..., m]``. One module is copied ``num_qvalue_nets`` times with
-            weights drawn uniformly from its range; a list of modules keeps their own initial weights.
+            weights drawn uniformly from its range; a list of modules keeps their own initial weights. Where the wrapped
+            module has a true ``stackable``, it is called once with all parameters stacked, instead of ``vmap``.
         action_spec: bounded spec of the action; or give ``bounds``.
         bounds: ``(low, high)`` of the action; exactly one of the two.
         num_qvalue_nets: number of critics.
@@ -155,8 +156,9 @@ class MORLTD3Loss(LossModule):
         self.reduction = reduction or "mean"
         self.scalarisation = scalarisation if scalarisation is not None else LinearScalarisation()
         self.angle = angle
-        absent = ("angle_",) * (angle is None) + ("guidance",) * (guidance is None)
-        self.out_keys = [key for key in self.out_keys if not key.startswith(absent)]
+        self._angled_critics = angle is not None and angle.critic > 0
+        absent = {"angle_actor": angle is None, "angle_qvalue": not self._angled_critics, "guidance": guidance is None}
+        self.out_keys = [key for key in self.out_keys if not absent.get(key)]
         self.interpolator = interpolator
         self.guidance = guidance
 
@@ -176,6 +178,8 @@ class MORLTD3Loss(LossModule):
         self._make_vmap()
 
     def _make_vmap(self) -> None:
+        module = getattr(self.qvalue_network, "module", None)
+        self._stackable = getattr(module, "stackable", False) and not self.deactivate_vmap
         self._vmap_qvalue_network00 = _vmap_func(
             self.qvalue_network, (None, 0), randomness=self.vmap_randomness, pseudo_vmap=self.deactivate_vmap
         )
@@ -224,7 +228,13 @@ class MORLTD3Loss(LossModule):
     def _values(self, tensordict: TensorDictBase, params: TensorDictParams) -> Tensor:
         """Value vectors ``[num_qvalue_nets, B, m]`` of all critics in one batched product."""
         inputs = tensordict.select(*self.qvalue_network.in_keys, strict=False)
-        return self._vmap_qvalue_network00(inputs, params).get(self.tensor_keys.state_action_value)
+        if not self._stackable:
+            return self._vmap_qvalue_network00(inputs, params).get(self.tensor_keys.state_action_value)
+        inputs = inputs.flatten()
+        inputs.batch_size = []  # the values get a dimension of critics in front
+        with params.to_module(self.qvalue_network, preserve_module_state=False):
+            values = self.qvalue_network(inputs).get(self.tensor_keys.state_action_value)
+        return values.unflatten(1, tensordict.batch_size)
 
     def _act(self, tensordict: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
         inputs = tensordict.select(*self.actor_network.in_keys, *self.qvalue_network.in_keys, strict=False)
@@ -295,7 +305,7 @@ class MORLTD3Loss(LossModule):
             "pred_value": value.detach(),
             "target_value": target,
         }
-        if self.angle is not None:
+        if self._angled_critics:
             angle = self._angles(tensordict, value)
             metadata["angle_qvalue"] = angle.detach()
             loss = loss + self.angle.critic * angle

@@ -1,5 +1,6 @@
 """MORLTD3Loss against a slow loop over samples, critics and objectives, written from the equations."""
 
+import copy
 import math
 from types import SimpleNamespace
 
@@ -15,7 +16,7 @@ from torchrl.objectives import SoftUpdate, ValueEstimators
 from torchrl.trainers.algorithms.td3 import TD3OptimizationStepper
 
 from morlnav.data import UniformPreferences
-from morlnav.modules import PreferenceInterpolator
+from morlnav.modules import PreferenceInterpolator, VectorCritic
 from morlnav.objectives import AngleTerm, ClampedAngleTerm, Guidance, LinearScalarisation, MORLTD3Loss
 from morlnav.transforms import HindsightPreferenceRelabel
 
@@ -366,6 +367,32 @@ def test_a_loop_over_critics_gives_the_same_numbers_as_vmap():
     )
     for key, value in vmap.items():
         torch.testing.assert_close(value, loop[key])
+
+
+@pytest.mark.parametrize("shape", [(12,), (4, 3)])
+def test_stacked_critics_give_the_same_losses_and_gradients_as_vmap(shape):
+    torch.manual_seed(0)
+    actor = TensorDictModule(Concatenate(STATE + 2, ACTION, nn.Tanh()), ["observation", "preference"], ["action"])
+    features = nn.Identity()
+    features.out_features = STATE
+    critics = [VectorCritic(3, 2, LOW, HIGH, features, depth=2, num_cells=16) for _ in range(2)]
+    keys = ["observation", "preference", "action"]
+    losses, batch = [], make_batch().reshape(shape)
+    for stackable in (True, False):
+        for critic in critics:
+            critic.stackable = stackable
+        modules = [TensorDictModule(critic, keys, ["state_action_value"]) for critic in critics]
+        loss = MORLTD3Loss(copy.deepcopy(actor), copy.deepcopy(modules), bounds=(LOW, HIGH), policy_noise=0.0)
+        loss.make_value_estimator(ValueEstimators.TD0, gamma=0.9)
+        out = loss(batch.clone())
+        (out["loss_qvalue"] + out["loss_actor"]).backward()
+        losses.append((out, loss))
+    (stacked, ours), (mapped, theirs) = losses
+    for key, value in mapped.items():
+        torch.testing.assert_close(stacked[key], value)
+    for (name, mine), (_, other) in zip(ours.named_parameters(), theirs.named_parameters(), strict=True):
+        if other.grad is not None:
+            torch.testing.assert_close(mine.grad, other.grad, msg=name)
 
 
 @pytest.mark.parametrize("copies", [1, 4])

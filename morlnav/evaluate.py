@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -10,9 +11,21 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
 from morlnav.cli import one_sentence_errors, quiet
+from morlnav.context import ContextPolicy, load_contexts
 from morlnav.data import preference_edges
-from morlnav.evaluation import default_reference, evaluate_policy, evaluation_scenes, reference_paths, write_report
-from morlnav.policy import load, load_config
+from morlnav.envs import NavigationEnv
+from morlnav.evaluation import (
+    Rollouts,
+    default_reference,
+    episode_metrics,
+    evaluate_policy,
+    evaluation_scenes,
+    markdown_table,
+    reference_paths,
+    summarise,
+    write_report,
+)
+from morlnav.policy import Policy, load, load_config
 from morlnav.trainers.builders import build, make_base_env
 from morlnav.world import Scene, World
 
@@ -29,29 +42,72 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
     Returns:
         The readable table.
     """
+    policy, cfg, env = _load(directory, trust, changes)
+    rollouts = _drive(policy, cfg, env, preference_edges(len(env.objectives), cfg.evaluation.steps))
+    return write_report(
+        rollouts,
+        output or directory / "evaluation",
+        rewards=tuple(env.rewards),
+        world=env.world,
+        references=_references(cfg, rollouts.scene[0], env.world),
+        reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
+    )
+
+
+def evaluate_route(
+    directory: Path,
+    contexts: Path,
+    route: Mapping[float, str],
+    output: Path | None = None,
+    trust: bool = False,
+    time_constant: float = 1.0,
+    **changes: int,
+) -> str:
+    """Evaluate the policy in the style of every room, and on a route where the style changes in mid-episode.
+
+    Args:
+        directory: a run directory.
+        contexts: file for :func:`~morlnav.context.load_contexts`.
+        route: room by the second in which it is entered, the first at 0.
+        output: where ``rooms.csv`` goes; ``directory/evaluation`` by default.
+        trust: build classes from outside the package that the run's config names.
+        time_constant: of the change in seconds.
+        changes: as for :func:`evaluate_run`.
+
+    Returns:
+        A Markdown table: one row per room, one for the route.
+    """
+    policy, cfg, env = _load(directory, trust, changes)
+    rooms = load_contexts(contexts, policy.objectives)
+    robot = ContextPolicy(policy, rooms, time_constant=time_constant, step_time=env.world.step_time)
+    routes = [*({0.0: room} for room in rooms), route]
+    rollouts = _drive(policy, cfg, env, torch.stack([robot.schedule(leg, cfg.env.max_steps) for leg in routes]))
+    references = _references(cfg, rollouts.scene[0], env.world)
+    summary = summarise(episode_metrics(rollouts, tuple(env.rewards), world=env.world, references=references))
+    names = [", ".join(f"{room} from {time:g} s" for time, room in sorted(leg.items())) for leg in routes]
+    summary.insert(0, "room", [*rooms, names[-1]])
+    output = output or directory / "evaluation"
+    output.mkdir(parents=True, exist_ok=True)
+    summary.to_csv(output / "rooms.csv", index=False)
+    return markdown_table(summary, ["room"])
+
+
+def _load(directory: Path, trust: bool, changes: Mapping[str, int]) -> tuple[Policy, DictConfig, NavigationEnv]:
     policy = load(directory, trust=trust)
-    cfg: DictConfig = load_config(directory)
+    cfg = load_config(directory)
     cfg.evaluation = OmegaConf.merge(cfg.evaluation, changes)
-    env = make_base_env(cfg, num_envs=1)
-    scenes = evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes)
-    rollouts = evaluate_policy(
+    return policy, cfg, make_base_env(cfg, num_envs=1)
+
+
+def _drive(policy: Policy, cfg: DictConfig, env: NavigationEnv, preferences: Tensor) -> Rollouts:
+    return evaluate_policy(
         policy,
-        scenes,
-        preference_edges(len(env.objectives), cfg.evaluation.steps),
+        evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes),
+        preferences,
         world=env.world,
         objectives=env.rewards,
         observe_human=env.observe_human,
         max_steps=cfg.env.max_steps,
-    )
-    output = output or directory / "evaluation"
-    references = _references(cfg, scenes, env.world)
-    return write_report(
-        rollouts,
-        output,
-        rewards=tuple(env.rewards),
-        world=env.world,
-        references=references,
-        reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
     )
 
 
@@ -67,6 +123,11 @@ def _references(cfg: DictConfig, scenes: Scene, world: World) -> list[Tensor] | 
         return None
 
 
+def _stop(word: str) -> tuple[float, str]:
+    second, _, room = word.partition(":")
+    return float(second), room
+
+
 def main() -> None:
     """Entry point."""
     quiet()
@@ -78,11 +139,20 @@ def main() -> None:
     parser.add_argument("--output", type=Path, help="where results go (default: RUN_DIR/evaluation)")
     parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
+    parser.add_argument("--contexts", type=Path, metavar="FILE", help="YAML file of preferences by room")
+    parser.add_argument(
+        "--route", nargs="+", type=_stop, metavar="SECOND:ROOM", help="with --contexts: the rooms on the way, as 0:hall"
+    )
     args = parser.parse_args()
+    if (args.contexts is None) != (args.route is None):
+        parser.error("--contexts and --route go together")
     torch.set_num_threads(args.threads)
     changes = {name: getattr(args, name) for name in ("episodes", "steps", "seed") if getattr(args, name) is not None}
     with one_sentence_errors():
-        print(evaluate_run(args.run, args.output, args.trust, **changes))
+        if args.contexts is not None:
+            print(evaluate_route(args.run, args.contexts, dict(args.route), args.output, args.trust, **changes))
+        else:
+            print(evaluate_run(args.run, args.output, args.trust, **changes))
         print(f"Tables and figures are in {args.output or args.run / 'evaluation'}")
 
 

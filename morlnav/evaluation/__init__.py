@@ -8,7 +8,7 @@ from morlnav.evaluation.pareto import expected_utility, hypervolume, pareto_mask
 from morlnav.evaluation.paths import shortest_path, shortest_polylines
 from morlnav.evaluation.planner import PathPlanner, PlannedPath
 from morlnav.evaluation.references import reference_paths
-from morlnav.evaluation.report import default_reference, front_table, write_report
+from morlnav.evaluation.report import default_reference, front_table, markdown_table, write_report
 from morlnav.evaluation.rollout import Outcome, Rollouts, evaluate_policy, evaluation_scenes
 from morlnav.evaluation.statistics import compare_extremes, fidelity, overall, summarise
 
@@ -33,6 +33,7 @@ __all__ = [
     "frechet_distance",
     "front_table",
     "hypervolume",
+    "markdown_table",
     "overall",
     "pareto_mask",
     "paths_around",

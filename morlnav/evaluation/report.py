@@ -135,10 +135,8 @@ def write_report(
 def _table(summary: pd.DataFrame, total: pd.DataFrame, faithful: pd.DataFrame, front: pd.DataFrame) -> str:
     weights = [name for name in summary if name.startswith("lambda_")]
     shown = [name for name in TABLE if name in summary]
-    heading = [name.removeprefix("lambda_") for name in weights] + [TABLE[name][0] for name in shown]
-    rows = [[f"{row[name]:.2f}" for name in weights] + _cells(row, shown) for _, row in summary.iterrows()]
-    rows.append(["**all**", *[""] * (len(weights) - 1), *_cells(total.iloc[0], shown)])
-    lines = [_row(heading), _row(["--:"] * len(heading)), *map(_row, rows), ""]
+    last = ["**all**", *[""] * (len(weights) - 1), *_cells(total.iloc[0], shown)]
+    lines = [markdown_table(summary, weights), _row(last), ""]
     episodes, scenes = int(total["episodes"].iloc[0]), int(summary["episodes"].iloc[0])
     plural = "s" if len(summary) > 1 else ""
     lines.append(
@@ -148,6 +146,23 @@ def _table(summary: pd.DataFrame, total: pd.DataFrame, faithful: pd.DataFrame, f
         metric = f"{'more' if row['sign'] > 0 else 'less'} {row['metric'].replace('_', ' ')}"
         lines.append(f"Fidelity of {row['objective']} ({metric}): Spearman {row['spearman']:.2f}.")
     lines.append(f"Hypervolume {front['hypervolume'][0]:.4g}, expected utility {front['expected_utility'][0]:.1f}.")
+    return "\n".join(lines)
+
+
+def markdown_table(summary: pd.DataFrame, labels: Sequence[str]) -> str:
+    """The metrics of :data:`TABLE` that ``summary`` has, a row per row, as a Markdown table led by ``labels``.
+
+    >>> print(markdown_table(pd.DataFrame({"room": ["hall"], "SR": [100.0]}), ["room"]))
+    | room | SR % |
+    | --: | --: |
+    | hall | 100.0 |
+    """
+    shown = [name for name in TABLE if name in summary]
+    heading = [name.removeprefix("lambda_") for name in labels] + [TABLE[name][0] for name in shown]
+    lines = [_row(heading), _row(["--:"] * len(heading))]
+    for _, row in summary.iterrows():
+        lead = [row[name] if isinstance(row[name], str) else f"{row[name]:.2f}" for name in labels]
+        lines.append(_row(lead + _cells(row, shown)))
     return "\n".join(lines)
 
 

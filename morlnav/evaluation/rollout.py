@@ -38,7 +38,7 @@ class Rollouts:
         steps: control steps of the episode, ``[P, S]``.
         duration: seconds until the goal, the contact or the time limit, to the world's check interval, ``[P, S]``.
         outcome: an :class:`Outcome`, ``[P, S]``.
-        preference: λ, ``[P, S, n]``.
+        preference: λ, ``[P, S, n]``; of a schedule the first.
         scene: the scenes, batched ``[P, S]``.
     """
 
@@ -105,7 +105,7 @@ def evaluate_policy(
     Args:
         policy: maps observations ``[B, 34]`` and preferences ``[B, n]`` to actions ``[B, 2]``.
         scenes: batched ``[S]``.
-        preferences: λ, ``[P, n]``.
+        preferences: λ, ``[P, n]``, or schedules ``[P, T, n]`` with one λ per control step, of which the last stays.
         world: the engine; a copy of it is used, so an environment's own world may be passed. Tensors by default.
         objectives: reward terms by name as for :class:`~morlnav.envs.NavigationEnv`.
         observe_human: whether observations hold the human's position (``-NH`` ablation; ``[B, 32]`` without).
@@ -128,10 +128,10 @@ def evaluate_policy(
     world = copy.copy(world) if world is not None else TensorWorld()  # a reset replaces the state, it never edits it
     terms = list((default_objectives() if objectives is None else objectives).values())
     tuneable = sum(not getattr(term, "static", False) for term in terms)
-    if preferences.dim() != 2 or preferences.shape[1] != tuneable:
+    if preferences.dim() not in (2, 3) or preferences.shape[-1] != tuneable or not preferences.numel():
         raise ValueError(
-            f"Preferences need the shape [P, {tuneable}], one column per tuneable objective; "
-            f"got {list(preferences.shape)}."
+            f"Preferences need the shape [P, {tuneable}], one column per tuneable objective, or [P, T, {tuneable}] as "
+            f"schedules; got {list(preferences.shape)}."
         )
     if len(scenes.batch_size) != 1:
         raise ValueError(f"Scenes need one batch dimension [S], got {list(scenes.batch_size)}.")
@@ -140,11 +140,11 @@ def evaluate_policy(
 
     batch = (len(preferences), len(scenes))
     grid = scenes.to(world.device).expand(*batch)
-    weight = preferences.to(world.device, torch.float32).unsqueeze(1).expand(*batch, tuneable)
+    schedule = preferences.to(world.device, torch.float32).reshape(len(preferences), -1, tuneable)
+    schedule = schedule.repeat_interleave(len(scenes), 0)
     world.reset(grid.reshape(-1))
-    preference = weight.reshape(-1, tuneable)
 
-    count = len(preference)
+    count = len(schedule)
     pose = world.pose.new_zeros(count, max_steps + 1, 3)
     clearance = pose.new_zeros(count, max_steps + 1)
     action_log, reward = pose.new_zeros(count, max_steps, 2), pose.new_zeros(count, max_steps, len(terms))
@@ -160,7 +160,8 @@ def evaluate_policy(
         pose[:, 0], clearance[:, 0] = world.pose, observation[:, lidar:].amin(-1)
         for step in range(max_steps):
             visible = observation if observe_human else torch.cat([observation[:, :2], observation[:, 4:]], -1)
-            action, before = policy(visible, preference[episode]), world.pose
+            preference = schedule[episode, min(step, schedule.shape[1] - 1)]
+            action, before = policy(visible, preference), world.pose
             contact = world.step(action)
             next_observation = world.observe()
             transition = Transition(
@@ -193,7 +194,7 @@ def evaluate_policy(
         steps=steps.unflatten(0, batch),
         duration=duration.unflatten(0, batch),
         outcome=outcome.unflatten(0, batch),
-        preference=weight,
+        preference=schedule[:, 0].unflatten(0, batch),
         scene=grid,
         batch_size=batch,
     )

@@ -21,13 +21,11 @@ from morlnav.evaluation import (
     evaluate_policy,
     evaluation_scenes,
     markdown_table,
-    reference_paths,
     summarise,
     write_report,
 )
 from morlnav.policy import Policy, load, load_config
-from morlnav.trainers.builders import build, make_base_env
-from morlnav.world import Scene, World
+from morlnav.trainers.builders import demonstrated_paths, make_base_env
 
 
 def evaluate_run(directory: Path, output: Path | None = None, trust: bool = False, **changes: int) -> str:
@@ -49,7 +47,7 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
         output or directory / "evaluation",
         rewards=tuple(env.rewards),
         world=env.world,
-        references=_references(cfg, rollouts.scene[0], env.world),
+        references=demonstrated_paths(cfg, rollouts.scene[0], env.world),
         reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
     )
 
@@ -82,7 +80,7 @@ def evaluate_route(
     robot = ContextPolicy(policy, rooms, time_constant=time_constant, step_time=env.world.step_time)
     routes = [*({0.0: room} for room in rooms), route]
     rollouts = _drive(policy, cfg, env, torch.stack([robot.schedule(leg, cfg.env.max_steps) for leg in routes]))
-    references = _references(cfg, rollouts.scene[0], env.world)
+    references = demonstrated_paths(cfg, rollouts.scene[0], env.world)
     summary = summarise(episode_metrics(rollouts, tuple(env.rewards), world=env.world, references=references))
     names = [", ".join(f"{room} from {time:g} s" for time, room in sorted(leg.items())) for leg in routes]
     summary.insert(0, "room", [*rooms, names[-1]])
@@ -109,18 +107,6 @@ def _drive(policy: Policy, cfg: DictConfig, env: NavigationEnv, preferences: Ten
         observe_human=env.observe_human,
         max_steps=cfg.env.max_steps,
     )
-
-
-def _references(cfg: DictConfig, scenes: Scene, world: World) -> list[Tensor] | None:
-    """Paths of the demonstrator, to measure the Fréchet distance to, if it can drive in this world."""
-    demonstrator = OmegaConf.select(cfg, "demonstrations.policy")
-    if demonstrator is None:
-        return None
-    try:
-        return reference_paths(scenes, build(demonstrator), world=world, max_steps=cfg.env.max_steps)
-    except ValueError as error:
-        print(f"No Fréchet distances to the demonstration: {error}")
-        return None
 
 
 def _stop(word: str) -> tuple[float, str]:

@@ -18,6 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from morlnav import policy as policies
+from morlnav.analysis import load_fronts
 from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet, stage
 from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
@@ -108,9 +109,11 @@ def _versions() -> dict[str, str]:
 
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
-def _main(cfg: DictConfig) -> None:
-    if run(cfg, Path(HydraConfig.get().runtime.output_dir)) is None:
+def _main(cfg: DictConfig) -> float:
+    directory = Path(HydraConfig.get().runtime.output_dir)
+    if run(cfg, directory) is None:
         sys.exit(130)  # interrupted: a sweep ends here too
+    return float(load_fronts(directory)["expected_utility"].iloc[0])  # what a sweeper may maximise
 
 
 def main() -> None:

@@ -8,16 +8,18 @@ from typing import Any
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from tensordict.nn import TensorDictModule
-from torch import nn
+from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage
 from torchrl.envs import Compose, RewardScaling, RewardSum, StepCounter, TransformedEnv
 from torchrl.objectives import ValueEstimators
 
 from morlnav.data import PreferenceSampler
 from morlnav.envs import NavigationEnv, Objective
+from morlnav.evaluation import reference_paths
 from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
+from morlnav.world import Scene, World
 
 LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "gamma", "gamma_start", "gamma_fraction")
 
@@ -131,3 +133,15 @@ def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
         batch_size=cfg.trainer.batch_size,
         transform=Compose(relabel, scale),
     )
+
+
+def demonstrated_paths(cfg: DictConfig, scenes: Scene, world: World) -> list[Tensor] | None:
+    """The demonstrator's path ``[L, 2]`` in each scene, to measure Fréchet distances to, if it can drive there."""
+    demonstrator = OmegaConf.select(cfg, "demonstrations.policy")
+    if demonstrator is None:
+        return None
+    try:
+        return reference_paths(scenes, build(demonstrator), world=world, max_steps=cfg.env.max_steps)
+    except ValueError as error:
+        print(f"No Fréchet distances to the demonstration: {error}")
+        return None

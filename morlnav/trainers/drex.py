@@ -5,10 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
+from filelock import FileLock
 from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
@@ -33,6 +36,16 @@ def stage_directory(cfg: DictConfig, *groups: str) -> Path:
     content = {group: OmegaConf.to_container(OmegaConf.select(cfg, group), resolve=True) for group in groups}
     digest = hashlib.sha256(json.dumps([content, cfg.seed], sort_keys=True).encode()).hexdigest()[:12]
     return Path(cfg.cache) / f"{groups[-1]}-{digest}"
+
+
+@contextmanager
+def _stage(cfg: DictConfig, name: str, path: Path) -> Iterator[bool]:
+    """One stage, whose result goes to ``path``; gives whether it is there. Parallel runs wait for one of them."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(path.with_suffix(".lock")):
+        done = path.exists()
+        with stage(name, cfg.trainer.progress_bar, done):
+            yield done
 
 
 def learn_demonstration_reward(cfg: DictConfig, directory: Path, logger: Logger | None = None) -> None:
@@ -62,8 +75,8 @@ def learn_demonstration_reward(cfg: DictConfig, directory: Path, logger: Logger 
 def make_demonstrations(cfg: DictConfig) -> TensorDict:
     """Record the demonstrator, or take the recording from the cache."""
     path = stage_directory(cfg, *STAGES[:3])
-    with stage("demonstrations", cfg.trainer.progress_bar, path.exists()):
-        if not path.exists():
+    with _stage(cfg, "demonstrations", path) as done:
+        if not done:
             data, tries = build(
                 cfg.demonstrations, sampler=build(cfg.env.scenes), world=build(cfg.world, device=cfg.device)
             )
@@ -81,8 +94,8 @@ def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | No
     env = _bare_env(cfg, 1)
     bounds = bounds_of(env)
     actor = build(cfg.clone.actor, num_preferences=0, **bounds, features=make_features(cfg.networks.features, env))
-    with stage("clone", cfg.trainer.progress_bar, path.exists()):
-        if path.exists():
+    with _stage(cfg, "clone", path) as done:
+        if done:
             actor.load_state_dict(torch.load(path, weights_only=True))
             return actor.eval()
         loss = BehaviourCloningLoss(
@@ -103,7 +116,6 @@ def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | No
             progress_bar=cfg.trainer.progress_bar,
             **cfg.clone.fit,
         )
-        path.parent.mkdir(parents=True, exist_ok=True)
         torch.save(actor.state_dict(), path.with_suffix(".part"))
         path.with_suffix(".part").rename(path)
         return actor.eval()
@@ -125,8 +137,8 @@ def make_ranked_rollouts(cfg: DictConfig, clone: nn.Module) -> TensorDict:
 def train_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None = None) -> nn.Module:
     """Learn a reward model from ranked roll-outs, or load it from the cache."""
     path = _reward_file(cfg)
-    with stage("reward", cfg.trainer.progress_bar, path.exists()):
-        if not path.exists():
+    with _stage(cfg, "reward", path) as done:
+        if not done:
             model, scores = _fit_reward(cfg, clone, logger)
             save_reward(model, path, {"held_out": scores})
         return load_reward(path)
@@ -166,8 +178,8 @@ def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tup
 def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
     """Judge the reward in the cache, unless that was done; puts the report into ``directory/audit``."""
     report = stage_directory(cfg, *STAGES, "objectives.demo", "audit")
-    with stage("audit", cfg.trainer.progress_bar, report.exists()):
-        if not report.exists():
+    with _stage(cfg, "audit", report) as done:
+        if not done:
             unfinished = report.with_suffix(".part")
             audit_run(
                 _reward_file(cfg),

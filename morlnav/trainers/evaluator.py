@@ -9,7 +9,8 @@ from torch import Tensor, nn
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 from morlnav.envs import NavigationEnv
-from morlnav.evaluation import Outcome, evaluate_policy
+from morlnav.evaluation import Outcome, Rollouts, evaluate_policy, frechet_distance
+from morlnav.evaluation.metrics import winding
 from morlnav.objectives import MORLTD3Loss
 from morlnav.world import Scene
 
@@ -25,6 +26,7 @@ class EvaluatePolicy(TrainerHookBase):
         loss: its interpolator learns the discounted value vectors, if it has one.
         frames: environment steps between evaluations.
         max_steps: an episode's time limit.
+        references: a demonstrated path ``[L, 2]`` per scene, to log the Fréchet distance to.
     """
 
     def __init__(
@@ -36,9 +38,10 @@ class EvaluatePolicy(TrainerHookBase):
         loss: MORLTD3Loss,
         frames: int,
         max_steps: int,
+        references: list[Tensor] | None = None,
     ) -> None:
         self.policy, self.env, self.scenes, self.preferences = policy, env, scenes, preferences.to(env.device)
-        self.loss, self.frames, self.max_steps = loss, frames, max_steps
+        self.loss, self.frames, self.max_steps, self.references = loss, frames, max_steps, references
         self.last = 0
 
     def __call__(self, batch: Any = None) -> None:
@@ -64,23 +67,32 @@ class EvaluatePolicy(TrainerHookBase):
         for name, value in self._metrics(rollouts, values).items():
             self.trainer.logger.log_scalar(f"evaluation/{name}", value, step=frames)
 
-    def _metrics(self, rollouts: Any, values: Tensor) -> dict[str, float]:
+    def _metrics(self, rollouts: Rollouts, values: Tensor) -> dict[str, float]:
         returns = rollouts.reward.sum(2).mean(1)
         weights = self.loss.scalarisation(self.preferences, returns.shape[-1])
-        human = (rollouts.pose[..., :2] - rollouts.scene.human.unsqueeze(2)).norm(dim=-1).amin(-1).mean(1)
-        seconds = rollouts.steps.float().mean(1) * self.env.world.step_time
+        human = (rollouts.pose[..., :2] - rollouts.scene.human.unsqueeze(2)).norm(dim=-1).amin(-1)
+        reached = (rollouts.outcome == Outcome.GOAL).float()
         metrics = {
-            "success": (rollouts.outcome == Outcome.GOAL).float().mean().item(),
+            "success": reached.mean().item(),
             "collision_human": (rollouts.outcome == Outcome.HUMAN).float().mean().item(),
             "collision_box": (rollouts.outcome == Outcome.BOX).float().mean().item(),
             "timeout": (rollouts.outcome == Outcome.TIMEOUT).float().mean().item(),
             "expected_utility": (weights * returns).sum(-1).mean().item(),
         }
+        columns = {
+            "success": reached.mean(1),
+            "min_human_distance": human.mean(1),
+            "navigation_time": rollouts.steps.float().mean(1) * self.env.world.step_time,
+            "human_on_right": (winding(rollouts.pose, rollouts.scene.human) < 0).float().mean(1),
+            **{f"return_{name}": returns[:, i] for i, name in enumerate(self.env.rewards)},
+            **{f"key_{name}": values[:, i] for i, name in enumerate(self.env.rewards)},
+        }
+        if self.references is not None:
+            frechet = [frechet_distance(paths, self.references) for paths in rollouts.cpu().path]
+            columns["frechet"] = torch.stack(frechet).mean(1)
         for i, row in enumerate(self.preferences.tolist()):
             label = "_".join(f"{weight:.2f}" for weight in row)
-            metrics[f"min_human_distance/{label}"] = human[i].item()
-            metrics[f"navigation_time/{label}"] = seconds[i].item()
-            metrics |= {f"key_{name}/{label}": v for name, v in zip(self.env.rewards, values[i].tolist(), strict=True)}
+            metrics |= {f"{name}/{label}": column[i].item() for name, column in columns.items()}
         return metrics
 
     def register(self, trainer: Trainer, name: str = "evaluate_policy") -> None:

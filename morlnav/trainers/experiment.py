@@ -22,7 +22,15 @@ from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer
 from morlnav.data import rewarded_transitions, simplex_grid
 from morlnav.evaluation import evaluation_scenes
 from morlnav.objectives import MORLTD3Loss
-from morlnav.trainers.builders import build, make_env, make_loss, make_networks, make_preferences, make_replay
+from morlnav.trainers.builders import (
+    build,
+    demonstrated_paths,
+    make_env,
+    make_loss,
+    make_networks,
+    make_preferences,
+    make_replay,
+)
 from morlnav.trainers.drex import make_demonstrations, train_clone
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
@@ -154,14 +162,16 @@ def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, nois
     StepExploration(noise).register(trainer)
     frames = int(cfg.loss.gamma_fraction * cfg.trainer.total_frames)
     AnnealDiscount(loss, cfg.loss.gamma_start, cfg.loss.gamma, frames).register(trainer)
+    scenes = evaluation_scenes(during.episodes, seed=cfg.evaluation.seed + 1, sampler=base.scenes)
     EvaluatePolicy(
         stepper.average.module,
         base,
-        evaluation_scenes(during.episodes, seed=cfg.evaluation.seed + 1, sampler=base.scenes),
+        scenes,
         simplex_grid(len(base.objectives), during.steps),
         loss,
         during.interval,
         cfg.env.max_steps,
+        demonstrated_paths(cfg, scenes, base.world) if "demo" in base.objectives else None,
     ).register(trainer)
     scalars = {
         "gamma": lambda: loss.value_estimator.gamma,

@@ -1,0 +1,36 @@
+"""Sweeps by the launchers and sweepers that people use, two jobs each."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from omegaconf import OmegaConf
+from support import ANALYTICAL, SMALL
+
+SWEEPS = {
+    "basic": ["seed=0,1"],
+    "joblib": ["hydra/launcher=joblib", "seed=0,1"],
+    "submitit": ["hydra/launcher=submitit_local", "seed=0,1"],
+    "optuna": [
+        *("hydra/sweeper=optuna", "hydra.sweeper.n_trials=2", "hydra.sweeper.n_jobs=1"),
+        *("hydra.sweeper.direction=maximize", "loss.gamma=interval(0.9,0.99)"),
+    ],
+}
+
+
+@pytest.mark.parametrize("sweep", SWEEPS)
+def test_a_sweep_of_two_jobs(sweep, tmp_path):
+    command = [sys.executable, "-c", "from morlnav.train import main; main()", "-m", *SMALL, ANALYTICAL, *SWEEPS[sweep]]
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    runs = sorted(path.parent for path in tmp_path.glob("multirun/*/*/*/config.yaml"))
+    assert len(runs) == 2
+    for run in runs:
+        for file in ("policy.pt", "versions.json", "evaluation/table.md", ".hydra/overrides.yaml"):
+            assert (run / file).is_file(), file
+    if sweep == "optuna":  # what it maximises is the expected utility
+        assert isinstance(OmegaConf.load(runs[0].parent / "optimization_results.yaml").best_value, float)
+    else:
+        assert [OmegaConf.load(run / "config.yaml").seed for run in runs] == [0, 1]

@@ -54,9 +54,9 @@ def make_preferences(cfg: DictConfig, num_objectives: int) -> PreferenceSampler:
     return instantiate(cfg.preferences, num_objectives=num_objectives)
 
 
-def make_env(cfg: DictConfig) -> TransformedEnv:
+def make_env(cfg: DictConfig, num_envs: int | None = None, seed: int | None = None) -> TransformedEnv:
     """The training environment: a preference per episode, a time limit, and returns."""
-    env = make_base_env(cfg, seed=cfg.seed)
+    env = make_base_env(cfg, num_envs, seed if seed is not None else cfg.seed)
     sampler = make_preferences(cfg, len(env.objectives))
     return TransformedEnv(env, Compose(StepCounter(cfg.env.max_steps), RewardSum(), DrawPreference(sampler)))
 

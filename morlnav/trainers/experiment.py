@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 
+import torch
 from omegaconf import DictConfig
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import nn
 from torch.optim.lr_scheduler import LambdaLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torchrl.checkpoint import Checkpoint, CheckpointRotation, GlobalRNGState
-from torchrl.collectors import Collector
+from torchrl.collectors import BaseCollector
 from torchrl.data import ReplayBuffer
 from torchrl.envs import TransformedEnv
 from torchrl.modules import AdditiveGaussianModule
 from torchrl.objectives import SoftUpdate
 from torchrl.record.loggers import Logger
-from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer
+from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, UpdateWeights
 
 from morlnav.data import rewarded_transitions, simplex_grid
 from morlnav.evaluation import evaluation_scenes
@@ -56,16 +58,9 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
     clone = train_clone(cfg, make_demonstrations(cfg)) if guided else None
     loss = make_loss(cfg, env.base_env, policy, critics, clone)
     noise = _make_exploration(cfg, env)
-    collector = Collector(
-        env,
-        TensorDictSequential(policy, noise),
-        frames_per_batch=settings.frames_per_batch,
-        total_frames=-1,
-        init_random_frames=settings.random_frames,
-        device=cfg.device,
-        auto_register_policy_transforms=False,
-    )
+    collector = _make_collector(cfg, env, TensorDictSequential(policy, noise))
     stepper = _make_stepper(cfg, loss, actor)
+    rollout = {"rollout": RolloutState(collector)} if _in_one_process(cfg) else {}
     trainer = Trainer(
         collector=collector,
         total_frames=settings.total_frames,
@@ -79,11 +74,13 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
         progress_bar=settings.progress_bar,
         log_interval=2**62,  # our hooks write the logs
         auto_log_optim_steps=False,
-        checkpoint=Checkpoint(rng=GlobalRNGState(), rollout=RolloutState(collector), average=stepper.average),
+        checkpoint=Checkpoint(rng=GlobalRNGState(), average=stepper.average, **rollout),
         checkpoint_rotation=CheckpointRotation(directory / "checkpoints", keep_last=settings.checkpoint.keep_last),
         save_trainer_interval=settings.checkpoint.interval,
     )
     _register_hooks(cfg, trainer, env, noise)
+    if not _in_one_process(cfg):
+        UpdateWeights(collector, update_weights_interval=1).register(trainer)
     return trainer
 
 
@@ -95,6 +92,34 @@ def _check(cfg: DictConfig) -> None:
             f"trainer.frames_per_batch ({cfg.trainer.frames_per_batch}) must be a multiple of env.num_envs "
             f"({cfg.env.num_envs})."
         )
+
+
+def _in_one_process(cfg: DictConfig) -> bool:
+    return cfg.collector.get("backend", "direct") == "direct"
+
+
+def _make_collector(cfg: DictConfig, env: TransformedEnv, policy: TensorDictModule) -> BaseCollector:
+    """The collector of the config; workers make their own share of the environments."""
+    settings = {
+        "policy": policy,
+        "frames_per_batch": cfg.trainer.frames_per_batch,
+        "total_frames": -1,
+        "init_random_frames": cfg.trainer.random_frames,
+        "device": cfg.device,
+    }
+    if _in_one_process(cfg):
+        return build(cfg.collector, create_env_fn=env, auto_register_policy_transforms=False, **settings)
+    workers = cfg.collector.num_collectors
+    if cfg.env.num_envs % workers:
+        raise ValueError(f"env.num_envs ({cfg.env.num_envs}) must be a multiple of {workers} collectors.")
+    share = cfg.env.num_envs // workers
+    makers = [partial(_make_workers_env, cfg, share, cfg.seed * workers + worker) for worker in range(workers)]
+    return build(cfg.collector, create_env_fn=makers, **settings)
+
+
+def _make_workers_env(cfg: DictConfig, num_envs: int, seed: int) -> TransformedEnv:
+    torch.manual_seed(seed)  # preferences and exploration draw from the worker's global state
+    return make_env(cfg, num_envs, seed)
 
 
 def _num_batches(cfg: DictConfig) -> int:
@@ -120,7 +145,7 @@ def _make_replay(cfg: DictConfig, env: TransformedEnv) -> ReplayBuffer:
 def _make_exploration(cfg: DictConfig, env: TransformedEnv) -> AdditiveGaussianModule:
     space = env.base_env.action_spec_unbatched.space
     return AdditiveGaussianModule(
-        spec=env.base_env.action_spec,
+        spec=env.base_env.action_spec_unbatched,  # workers hold different numbers of environments
         std=((space.high - space.low) / 2).tolist(),
         annealing_num_steps=_num_batches(cfg),
         **cfg.trainer.exploration,

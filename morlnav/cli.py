@@ -27,6 +27,7 @@ def conf_dir() -> str:
 def quiet() -> None:
     """Keep the libraries' notes to developers off a user's screen."""
     logging.getLogger("torchrl").setLevel(logging.WARNING)
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", category=FutureWarning, module="torchrl")
     warnings.filterwarnings("ignore", message=".*init_random_frames.*")
 

@@ -77,8 +77,7 @@ class ContextPolicy(nn.Module):
         step_time: ``Δt``, one control step in seconds.
 
     Raises:
-        ValueError: for no contexts, preferences that do not fit the policy, or times out of range.
-        KeyError: for an unknown room.
+        ValueError: for no contexts, preferences that do not fit the policy, an unknown room, or times out of range.
 
     Examples:
         >>> policy = Policy(lambda observation, preference: preference, ("distance", "efficiency"))
@@ -118,13 +117,13 @@ class ContextPolicy(nn.Module):
         """From the next step on the robot is in ``room``.
 
         Raises:
-            KeyError: for an unknown room.
+            ValueError: for an unknown room.
         """
         self.target = self.preferences[self._find(room)]
 
     def _find(self, room: str) -> int:
         if room not in self.rooms:
-            raise KeyError(f"There is no room {room}; choose from: {', '.join(self.rooms)}.")
+            raise ValueError(f"There is no room {room}; choose from: {', '.join(self.rooms)}.")
         return self.rooms.index(room)
 
     @torch.no_grad()
@@ -143,8 +142,7 @@ class ContextPolicy(nn.Module):
             steps: number of control steps.
 
         Raises:
-            ValueError: if the route does not begin at 0.
-            KeyError: for an unknown room.
+            ValueError: if the route does not begin at 0, or names an unknown room.
         """
         if not route or min(route) != 0:
             raise ValueError(f"A route begins at 0 seconds, got {dict(route)}.")

@@ -109,9 +109,20 @@ def _drive(policy: Policy, cfg: DictConfig, env: NavigationEnv, preferences: Ten
     )
 
 
-def _stop(word: str) -> tuple[float, str]:
+def parse_stop(word: str) -> tuple[float, str]:
+    """The second and the room of a stop on a route.
+
+    >>> parse_stop("6:kitchen")
+    (6.0, 'kitchen')
+    """
     second, _, room = word.partition(":")
-    return float(second), room
+    try:
+        stop = float(second), room
+    except ValueError:
+        stop = None
+    if stop is None or not room:
+        raise argparse.ArgumentTypeError(f"{word} is no SECOND:ROOM, such as 6:kitchen.")
+    return stop
 
 
 def main() -> None:
@@ -127,7 +138,11 @@ def main() -> None:
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     parser.add_argument("--contexts", type=Path, metavar="FILE", help="YAML file of preferences by room")
     parser.add_argument(
-        "--route", nargs="+", type=_stop, metavar="SECOND:ROOM", help="with --contexts: the rooms on the way, as 0:hall"
+        "--route",
+        nargs="+",
+        type=parse_stop,
+        metavar="SECOND:ROOM",
+        help="with --contexts: the rooms on the way, as 0:hall",
     )
     args = parser.parse_args()
     if (args.contexts is None) != (args.route is None):

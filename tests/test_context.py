@@ -1,5 +1,6 @@
 """Rooms choose the preference; changes are smooth and may come in the middle of an episode."""
 
+import argparse
 import math
 
 import pandas as pd
@@ -8,7 +9,7 @@ import torch
 
 import morlnav
 from morlnav.context import ContextPolicy, load_contexts
-from morlnav.evaluate import evaluate_route
+from morlnav.evaluate import evaluate_route, parse_stop
 from morlnav.evaluation import evaluate_policy, evaluation_scenes
 from morlnav.policy import Policy
 
@@ -82,7 +83,7 @@ def test_a_schedule_is_what_the_robot_would_do():
 
 
 def test_unknown_rooms_and_routes_are_refused():
-    with pytest.raises(KeyError, match="no room cellar; choose from: kitchen, corridor"):
+    with pytest.raises(ValueError, match="no room cellar; choose from: kitchen, corridor"):
         robot().enter("cellar")
     with pytest.raises(ValueError, match="begins at 0 seconds"):
         robot().schedule({1.0: "kitchen"}, 3)
@@ -114,3 +115,9 @@ def test_a_route_is_evaluated_beside_its_rooms(smoke_run, tmp_path):
     table = evaluate_route(smoke_run, file, {0: "corridor", 4: "kitchen"}, tmp_path, episodes=2)
     assert "| corridor from 0 s, kitchen from 4 s |" in table
     assert pd.read_csv(tmp_path / "rooms.csv")["room"].tolist()[:2] == ["kitchen", "corridor"]
+
+
+@pytest.mark.parametrize("word", ["kitchen", "kitchen:6", "6:", ":kitchen"])
+def test_a_stop_without_time_or_room_is_refused(word):
+    with pytest.raises(argparse.ArgumentTypeError, match="is no SECOND:ROOM"):
+        parse_stop(word)

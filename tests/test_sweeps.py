@@ -17,11 +17,12 @@ SWEEPS = {
         *("hydra.sweeper.direction=maximize", "loss.gamma=interval(0.9,0.99)"),
     ],
 }
+SHORT = (ANALYTICAL, "trainer.total_frames=128", "evaluation.episodes=2", "evaluation.steps=1")
 
 
 @pytest.mark.parametrize("sweep", SWEEPS)
 def test_a_sweep_of_two_jobs(sweep, tmp_path):
-    command = [sys.executable, "-c", "from morlnav.train import main; main()", "-m", *SMALL, ANALYTICAL, *SWEEPS[sweep]]
+    command = [sys.executable, "-c", "from morlnav.train import main; main()", "-m", *SMALL, *SHORT, *SWEEPS[sweep]]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

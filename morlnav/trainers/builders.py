@@ -115,8 +115,23 @@ def make_loss(
         ).to(env.device),
         guidance=None if clone is None else _make_guidance(cfg, env, clone),
     )
-    loss.make_value_estimator(ValueEstimators.TD0, gamma=float(cfg.loss.gamma))
+    loss.make_value_estimator(ValueEstimators.TD0, gamma=final_discount(cfg, env))
     return loss.to(env.device)
+
+
+def final_discount(cfg: DictConfig, env: NavigationEnv) -> float | list[float]:
+    """The discount at the end of the training: one for all, or one per entry of the reward ``[m]``.
+
+    Raises:
+        ValueError: if ``loss.gamma`` names entries but has no ``default`` for those that it does not name.
+    """
+    gamma = cfg.loss.gamma
+    if not OmegaConf.is_dict(gamma):
+        return float(gamma)
+    missing = [name for name in env.rewards if name not in gamma and "default" not in gamma]
+    if missing:
+        raise ValueError(f"loss.gamma gives no discount for {', '.join(missing)}, and no default.")
+    return [float(gamma.get(name, gamma.get("default"))) for name in env.rewards]
 
 
 def _make_guidance(cfg: DictConfig, env: NavigationEnv, clone: nn.Module) -> Guidance:

@@ -60,8 +60,8 @@ class EvaluatePolicy(TrainerHookBase):
             max_steps=self.max_steps,
         )
         gamma = self.loss.value_estimator.gamma
-        discounts = gamma ** torch.arange(rollouts.reward.shape[2], device=gamma.device)
-        values = (rollouts.reward * discounts.unsqueeze(-1)).sum(2).mean(1)
+        discounts = gamma ** torch.arange(rollouts.reward.shape[2], device=gamma.device).unsqueeze(-1)
+        values = (rollouts.reward * discounts).sum(2).mean(1)
         if self.loss.interpolator is not None:
             self.loss.interpolator.update(self.preferences, values)
         for name, value in self._metrics(rollouts, values).items():

@@ -27,6 +27,7 @@ from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.builders import (
     build,
     demonstrated_paths,
+    final_discount,
     make_env,
     make_loss,
     make_networks,
@@ -186,7 +187,7 @@ def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, nois
     ReplayBufferTrainer(trainer.replay_buffer, flatten_tensordicts=True).register(trainer)
     StepExploration(noise).register(trainer)
     frames = int(cfg.loss.gamma_fraction * cfg.trainer.total_frames)
-    AnnealDiscount(loss, cfg.loss.gamma_start, cfg.loss.gamma, frames).register(trainer)
+    AnnealDiscount(loss, cfg.loss.gamma_start, final_discount(cfg, base), frames).register(trainer)
     scenes = evaluation_scenes(during.episodes, seed=cfg.evaluation.seed + 1, sampler=base.scenes)
     EvaluatePolicy(
         stepper.average.module,
@@ -199,7 +200,7 @@ def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, nois
         demonstrated_paths(cfg, scenes, base.world) if "demo" in base.objectives else None,
     ).register(trainer)
     scalars = {
-        "gamma": lambda: loss.value_estimator.gamma,
+        "gamma": lambda: loss.value_estimator.gamma.max(),
         "exploration": lambda: noise.sigma,
         "lr_actor": lambda: stepper.optimizer_actor.param_groups[0]["lr"],
         "lr_critic": lambda: stepper.optimizer_critic.param_groups[0]["lr"],

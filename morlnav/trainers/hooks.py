@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -22,7 +23,7 @@ class AnnealDiscount(TrainerHookBase):
     Args:
         loss: loss module whose value estimator holds γ.
         start: discount at the beginning.
-        end: discount from ``frames`` on.
+        end: discount from ``frames`` on; one for all, or one per entry of the reward.
         frames: environment steps over which γ rises.
 
     Raises:
@@ -33,10 +34,11 @@ class AnnealDiscount(TrainerHookBase):
         0.99
     """
 
-    def __init__(self, loss: LossModule, start: float, end: float, frames: int) -> None:
-        if not 0 <= start <= end <= 1:
+    def __init__(self, loss: LossModule, start: float, end: float | Sequence[float], frames: int) -> None:
+        self.ends = [end] if isinstance(end, (int, float)) else list(end)
+        if not all(0 <= start <= value <= 1 for value in self.ends):
             raise ValueError(f"Discounts need 0 <= gamma_start <= gamma <= 1, got gamma_start={start} and gamma={end}.")
-        self.loss, self.start, self.end, self.frames = loss, start, end, frames
+        self.loss, self.start, self.frames = loss, start, frames
 
     @staticmethod
     def at(progress: float, start: float, end: float) -> float:
@@ -49,7 +51,8 @@ class AnnealDiscount(TrainerHookBase):
     def __call__(self) -> None:
         """Set γ for the coming optimisation steps."""
         progress = self.trainer.collected_frames / self.frames if self.frames else 1.0
-        self.loss.value_estimator.gamma.fill_(self.at(progress, self.start, self.end))
+        gamma = self.loss.value_estimator.gamma
+        gamma.copy_(gamma.new_tensor([self.at(progress, self.start, end) for end in self.ends]).reshape(gamma.shape))
 
     def register(self, trainer: Trainer, name: str = "anneal_discount") -> None:
         """Register before every round of optimisation steps."""

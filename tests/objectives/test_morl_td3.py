@@ -144,6 +144,15 @@ def test_losses_and_targets_are_those_of_the_equations(m, n, distance):
     torch.testing.assert_close(out["target_value"], targets)
 
 
+def test_every_entry_may_have_a_discount_of_its_own():
+    loss, batch, gamma = make_loss(), make_batch(), torch.tensor([0.9, 0.5, 0.99])
+    loss.make_value_estimator(ValueEstimators.TD0, gamma=gamma)
+    _, critic, targets = slow_losses(loss, batch, gamma=gamma)
+    out = loss(batch)
+    torch.testing.assert_close(out["target_value"], targets)
+    torch.testing.assert_close(out["loss_qvalue"], critic.mean())
+
+
 @pytest.mark.parametrize(("m", "n"), SIZES[1:])
 def test_angles_enter_both_losses_with_their_coefficients(m, n):
     angle = AngleTerm(actor=10.0, critic=2.0)

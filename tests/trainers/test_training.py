@@ -297,6 +297,19 @@ def test_the_discount_ends_where_the_config_says(override, gamma, tmp_path):
     assert trainer.loss_module.value_estimator.gamma.item() == pytest.approx(gamma)
 
 
+def test_discounts_may_differ_between_the_entries_of_the_reward(tmp_path):
+    trainer, _ = train_briefly(
+        tmp_path, "loss.gamma.default=0.97", "loss.gamma.distance=0.99", "~loss.gamma.efficiency"
+    )
+    torch.testing.assert_close(trainer.loss_module.value_estimator.gamma, torch.tensor([0.985, 0.99, 0.97]))
+
+
+def test_a_discount_that_is_missing_is_named(tmp_path):
+    cfg = configure(*(f"~loss.gamma.{name}" for name in ("default", "baseline", "efficiency")))
+    with pytest.raises(ValueError, match="no discount for baseline, efficiency, and no default"):
+        trainer_for(cfg, tmp_path)
+
+
 def test_learning_rates_fall_to_their_end_with_the_last_update(tmp_path):
     cfg = configure("trainer.total_frames=128", "trainer.random_frames=0", "trainer.lr_decay_end=0.1")
     trainer = trainer_for(cfg, tmp_path)

@@ -58,7 +58,7 @@ def one_sentence_errors() -> Iterator[None]:
     except ConfigCompositionException as error:
         key = re.search(r"Could not override '(.+?)'", str(error))
         sys.exit(_unknown_key(key[1]) if key else _first_line(error))
-    except (ValueError, FileNotFoundError, OmegaConfBaseException, HydraException) as error:
+    except (ValueError, FileNotFoundError, ChildProcessError, OmegaConfBaseException, HydraException) as error:
         sys.exit(_first_line(error))
 
 

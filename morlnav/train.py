@@ -24,6 +24,7 @@ from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
 from morlnav.trainers.drex import learn_demonstration_reward
+from morlnav.trainers.workers import watched
 
 
 def run(cfg: DictConfig, directory: Path) -> str | None:
@@ -59,7 +60,8 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     start = time.perf_counter()
     try:
         if trainer.collected_frames < trainer.total_frames:
-            trainer.train()
+            with watched(trainer.collector):
+                trainer.train()
     finally:
         if cfg.trainer.progress_bar and hasattr(trainer, "_pbar"):
             trainer._pbar.close()  # or its last line would run into the table

@@ -1,25 +1,19 @@
 """Collection by other processes: the same training, with weights that follow the learner."""
 
-import importlib.util
+import os
+import signal
 
 import pytest
 import torch
 from support import configure, trainer_for
 
 from morlnav.train import run
-
-BACKENDS = [
-    "processes",
-    pytest.param(
-        "ray", marks=pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="Ray is not installed")
-    ),
-]
+from morlnav.trainers.workers import watched
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_workers_act_with_the_learners_weights(backend, tmp_path):
+def test_workers_act_with_the_learners_weights(tmp_path):
     quiet = ["trainer.exploration.sigma_init=0", "trainer.exploration.sigma_end=0", "trainer.random_frames=0"]
-    trainer = trainer_for(configure(f"collector={backend}", "trainer.total_frames=96", *quiet), tmp_path)
+    trainer = trainer_for(configure("collector=processes", "trainer.total_frames=96", *quiet), tmp_path)
     actor, apart = trainer.optimization_stepper.actor, []
 
     def compare(batch):
@@ -39,15 +33,27 @@ def test_workers_act_with_the_learners_weights(backend, tmp_path):
     assert any((old != new).any() for old, new in zip(before, actor.parameters(), strict=True))
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_a_whole_run_with_workers(backend, tmp_path):
-    run(configure(f"collector={backend}", "evaluation.episodes=2"), tmp_path)
+def test_a_whole_run_with_workers(tmp_path):
+    run(configure("collector=processes", "evaluation.episodes=2"), tmp_path)
     assert (tmp_path / "policy.pt").is_file()
 
 
 def test_asynchronous_workers_train(tmp_path):
     run(configure("collector=processes", "collector.sync=false", "evaluation.episodes=2"), tmp_path)
     assert (tmp_path / "policy.pt").is_file()
+
+
+def test_a_dead_worker_ends_the_training_with_a_clear_message(tmp_path):
+    trainer = trainer_for(configure("collector=processes", "trainer.total_frames=9600"), tmp_path)
+
+    def kill(batch):
+        if trainer.collected_frames >= 48:
+            os.kill(trainer.collector.procs[0].pid, signal.SIGKILL)
+        return batch
+
+    trainer.register_op("batch_process", kill)
+    with pytest.raises(ChildProcessError, match="A collecting process died"), watched(trainer.collector):
+        trainer.train()
 
 
 def test_environments_must_divide_among_workers(tmp_path):

@@ -9,7 +9,6 @@ from omegaconf import OmegaConf
 from support import ANALYTICAL, SMALL
 
 SWEEPS = {
-    "basic": ["seed=0,1"],
     "joblib": ["hydra/launcher=joblib", "seed=0,1"],
     "submitit": ["hydra/launcher=submitit_local", "seed=0,1"],
     "optuna": [
@@ -17,7 +16,10 @@ SWEEPS = {
         *("hydra.sweeper.direction=maximize", "loss.gamma=interval(0.9,0.99)"),
     ],
 }
-SHORT = (ANALYTICAL, "trainer.total_frames=128", "evaluation.episodes=2", "evaluation.steps=1")
+SHORT = (
+    *("hydra.sweep.subdir=${hydra.job.num}", ANALYTICAL, "trainer.total_frames=128"),
+    *("evaluation.episodes=2", "evaluation.steps=1"),
+)
 
 
 @pytest.mark.parametrize("sweep", SWEEPS)

@@ -40,7 +40,7 @@ def watched(collector: BaseCollector) -> Iterator[None]:
     threading.Thread(target=watch, daemon=True).start()
     try:
         yield
-    except (ChildProcessError, RuntimeError) as error:
+    except Exception as error:  # ours, or what TorchRL says of its half-closed workers
         if not died.is_set():
             raise
         over.set()

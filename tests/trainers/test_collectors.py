@@ -33,11 +33,6 @@ def test_workers_act_with_the_learners_weights(tmp_path):
     assert any((old != new).any() for old, new in zip(before, actor.parameters(), strict=True))
 
 
-def test_a_whole_run_with_workers(tmp_path):
-    run(configure("collector=processes", "evaluation.episodes=2"), tmp_path)
-    assert (tmp_path / "policy.pt").is_file()
-
-
 def test_asynchronous_workers_train(tmp_path):
     run(configure("collector=processes", "collector.sync=false", "evaluation.episodes=2"), tmp_path)
     assert (tmp_path / "policy.pt").is_file()

@@ -111,7 +111,7 @@ class ContextPolicy(nn.Module):
         self.rate = -math.expm1(-step_time / time_constant) if time_constant else 1.0
         self.register_buffer("preferences", torch.stack(list(contexts.values())))
         self.enter(room if room is not None else self.rooms[0])
-        self.register_buffer("preference", self.target.clone())
+        self.register_buffer("preference", self.preferences[self._room].clone())
 
     def enter(self, room: str) -> None:
         """From the next step on the robot is in ``room``.
@@ -119,7 +119,7 @@ class ContextPolicy(nn.Module):
         Raises:
             ValueError: for an unknown room.
         """
-        self.target = self.preferences[self._find(room)]
+        self._room = self._find(room)
 
     def _find(self, room: str) -> int:
         if room not in self.rooms:
@@ -129,7 +129,7 @@ class ContextPolicy(nn.Module):
     @torch.no_grad()
     def forward(self, observation: Tensor) -> Tensor:
         """Action ``[..., 2]`` for raw observations ``[..., D]``; one control step passes."""
-        self.preference = self.preference.lerp(self.target, self.rate)
+        self.preference = self.preference.lerp(self.preferences[self._room], self.rate)
         return self.policy(observation, self.preference)
 
     def schedule(self, route: Mapping[float, str], steps: int) -> Tensor:

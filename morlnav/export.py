@@ -7,7 +7,6 @@ import json
 from pathlib import Path
 
 import torch
-from torch import Tensor, nn
 from torch.export import Dim, ExportedProgram
 
 from morlnav.cli import one_sentence_errors, quiet
@@ -16,17 +15,6 @@ from morlnav.policy import Policy, load
 INPUTS = ("observation", "preference")
 OUTPUT = "action"
 FORMATS = ("onnx", "pt2")
-
-
-class _Batched(nn.Module):
-    """The actor on a batch of observations and as many preferences."""
-
-    def __init__(self, policy: Policy) -> None:
-        super().__init__()
-        self.actor = policy.actor
-
-    def forward(self, observation: Tensor, preference: Tensor) -> Tensor:
-        return self.actor(observation, preference)
 
 
 def export_program(policy: Policy) -> ExportedProgram:
@@ -46,7 +34,7 @@ def export_program(policy: Policy) -> ExportedProgram:
     """
     example = torch.zeros(2, policy.actor.features.in_features), torch.zeros(2, len(policy.objectives))
     batch = Dim("batch", min=1)
-    return torch.export.export(_Batched(policy).eval(), example, dynamic_shapes=({0: batch}, {0: batch}))
+    return torch.export.export(policy.actor, example, dynamic_shapes=({0: batch}, {0: batch}))
 
 
 def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...] = FORMATS) -> dict[str, Path]:

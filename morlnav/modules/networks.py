@@ -202,7 +202,7 @@ class StackableLinear(nn.Linear):
         if self.weight.ndim == 2:
             return super().forward(inputs)
         inputs = inputs.expand(len(self.weight), *inputs.shape[-2:])
-        return torch.baddbmm(self.bias.unsqueeze(-1), self.weight, inputs.mT).mT  # so gradients lie as weights do
+        return torch.baddbmm(self.bias.unsqueeze(-2), inputs, self.weight.mT)
 
 
 def _mlp(in_features: int, out_features: int, depth: int, num_cells: int, gain: float) -> MLP:

@@ -1,7 +1,7 @@
 """Modules: networks, the preference interpolator and the reward model."""
 
 from morlnav.modules.interpolator import PreferenceInterpolator
-from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic
+from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic, round_products
 from morlnav.modules.noise import EpsilonGreedyNoise, WanderingNoise
 from morlnav.modules.oracle import CircumnavigationOracle, Oracle, Plan
 from morlnav.modules.reward_file import load_reward, read_facts, save_reward
@@ -22,5 +22,6 @@ __all__ = [
     "WanderingNoise",
     "load_reward",
     "read_facts",
+    "round_products",
     "save_reward",
 ]

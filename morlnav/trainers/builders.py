@@ -7,6 +7,7 @@ from typing import Any
 
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
+import torch
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage
@@ -16,6 +17,7 @@ from torchrl.objectives import ValueEstimators
 from morlnav.data import PreferenceSampler
 from morlnav.envs import NavigationEnv, Objective
 from morlnav.evaluation import reference_paths
+from morlnav.modules import round_products
 from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
@@ -116,7 +118,25 @@ def make_loss(
         guidance=None if clone is None else _make_guidance(cfg, env, clone),
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=final_discount(cfg, env))
+    for network in (loss.actor_network, loss.qvalue_network, loss.guidance):
+        if network is not None:
+            round_products(network, product_dtype(cfg.trainer.products, env.device))
     return loss.to(env.device)
+
+
+def product_dtype(name: str, device: torch.device) -> torch.dtype:
+    """The type in which hidden layers multiply while learning: ``auto`` is bfloat16 where ``device`` is made for it.
+
+    Raises:
+        ValueError: if it is none of auto, float32 and bfloat16.
+    """
+    if name == "auto":
+        capabilities = getattr(torch.cpu, "get_capabilities", dict)()
+        fast = torch.cuda.is_bf16_supported() if device.type == "cuda" else capabilities.get("avx512_bf16", False)
+        return torch.bfloat16 if fast else torch.float32
+    if name not in ("float32", "bfloat16"):
+        raise ValueError(f"trainer.products must be one of auto, float32, bfloat16, got {name}.")
+    return getattr(torch, name)
 
 
 def final_discount(cfg: DictConfig, env: NavigationEnv) -> float | list[float]:

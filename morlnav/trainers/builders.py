@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
+import torch
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
-import torch
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.data import LazyTensorStorage
@@ -103,9 +104,10 @@ def make_loss(
     settings = [key for key in cfg.loss if key not in LOSS_SETTINGS]
     if cfg.loss.angle not in cfg.loss.angles:
         raise ValueError(f"loss.angle must be one of {', '.join(cfg.loss.angles)}, got {cfg.loss.angle}.")
+    parameters = {id(parameter): parameter for parameter in actor.parameters()}
     loss = build(
         OmegaConf.masked_copy(cfg.loss, settings),
-        actor_network=actor,
+        actor_network=copy.deepcopy(actor, parameters),  # on the same parameters, with products of its own
         qvalue_network=[
             TensorDictModule(critic, in_keys=["observation", "preference", "action"], out_keys=["state_action_value"])
             for critic in critics

@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import pandas as pd
 from omegaconf import OmegaConf
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from morlnav.policy import CONFIG_FILE, load_config
 
@@ -45,6 +46,9 @@ def load_run(directory: str | Path) -> pd.DataFrame:
 def load_sweep(source: Runs) -> pd.DataFrame:
     """The scalars of several runs, with the settings in which they differ.
 
+    They come from the CSV files of a run, or, where it has none, from its TensorBoard events, which hold single
+    precision.
+
     Args:
         source: a sweep's directory, or run directories; runs that have logged nothing are left out.
 
@@ -57,9 +61,16 @@ def load_sweep(source: Runs) -> pd.DataFrame:
         ValueError: if the sequence of directories is empty.
 
     Examples:
-        >>> logs = load_sweep("multirun/2025-01-01/12-00-00")  # doctest: +SKIP
-        >>> success = logs[logs["metric"] == "train/success"]  # doctest: +SKIP
-        >>> success.groupby(["loss.gamma", "step"])["value"].mean()  # doctest: +SKIP
+        >>> import tempfile
+        >>> from morlnav.record.loggers import TensorboardCSVLogger
+        >>> sweep = Path(tempfile.mkdtemp())
+        >>> for seed in (0, 1):
+        ...     TensorboardCSVLogger("logs", sweep / f"seed={seed}").log_scalar("train/success", seed / 2, step=10)
+        ...     OmegaConf.save({"seed": seed}, sweep / f"seed={seed}" / "config.yaml")
+        >>> load_sweep(sweep)
+              run  seed         metric  step  value
+        0  seed=0     0  train/success    10    0.0
+        1  seed=1     1  train/success    10    0.5
     """
     runs = _find_runs(source)
     tables = {name: _scalars(path) for name, path in runs.items()}
@@ -129,16 +140,30 @@ def _find_runs(source: Runs) -> dict[str, Path]:
 
 
 def _scalars(run: Path) -> pd.DataFrame:
-    folder = run / "logs" / "scalars"
-    tables = {
-        path.relative_to(folder).with_suffix("").as_posix(): pd.read_csv(path, names=["step", "value"])
-        for path in folder.rglob("*.csv")
-        if path.stat().st_size
-    }
+    tables = _from_csv(run / "logs" / "scalars") or _from_events(run / "logs")
     if not tables:
         return pd.DataFrame()
     logs = pd.concat(tables, names=["metric"]).reset_index("metric")
     return logs.drop_duplicates(["metric", "step"], keep="last").sort_values(["metric", "step"])
+
+
+def _from_csv(folder: Path) -> dict[str, pd.DataFrame]:
+    return {
+        path.relative_to(folder).with_suffix("").as_posix(): pd.read_csv(path, names=["step", "value"])
+        for path in folder.rglob("*.csv")
+        if path.stat().st_size
+    }
+
+
+def _from_events(folder: Path) -> dict[str, pd.DataFrame]:
+    if not any(folder.glob("*.tfevents.*")):
+        return {}
+    # Every scalar is kept, those of steps that a resumed run repeats too: the last one counts, as in the CSV files.
+    events = EventAccumulator(str(folder), size_guidance={"scalars": 0}, purge_orphaned_data=False).Reload()
+    return {
+        name: pd.DataFrame([(event.step, event.value) for event in events.Scalars(name)], columns=["step", "value"])
+        for name in events.Tags()["scalars"]
+    }
 
 
 def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -> pd.DataFrame:

@@ -1,3 +1,5 @@
+import shutil
+
 import pandas as pd
 import pytest
 from omegaconf import OmegaConf
@@ -45,6 +47,17 @@ def test_steps_that_a_resumed_run_repeats_count_once(tmp_path):
     directory = make_run(tmp_path / "first", values=(0.1, 0.2))
     TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.9, step=20)
     assert load_run(directory).query("metric == 'train/success'")["value"].tolist() == [0.1, 0.9]
+
+
+def test_events_of_tensorboard_stand_in_for_missing_csv_files(tmp_path):
+    for seed in (0, 1):
+        directory = make_run(tmp_path / f"{seed}", values=[(step + seed) / 7 for step in range(2000)], seed=seed)
+        TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.9, step=20)  # resumed: another file
+    from_csv = load_sweep(tmp_path)
+    for seed in (0, 1):
+        shutil.rmtree(tmp_path / f"{seed}" / "logs" / "scalars")
+    pd.testing.assert_frame_equal(load_sweep(tmp_path), from_csv, rtol=1e-6)
+    assert len(from_csv) == 8000
 
 
 def test_a_sweep_shows_the_settings_that_differ(tmp_path):

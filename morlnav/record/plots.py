@@ -118,7 +118,7 @@ def plot_trajectories(
         raise ValueError(f"Scenes must be indices below {rollouts.batch_size[1]}, got {list(scenes)}.")
     preferences = rollouts.preference[:, 0].numpy()
     colours, edges = objective_colours(objectives), tour(len(objectives))
-    bounds = {scene: _bounds(rollouts, scene) for scene in scenes}
+    bounds = {scene: scene_bounds(rollouts, scene) for scene in scenes}
     widths = [high[0] - low[0] for low, high in bounds.values()]
     height = max(high[1] - low[1] for low, high in bounds.values())
     scale = 12.4 / sum(widths)  # inches per metre
@@ -151,7 +151,7 @@ def plot_trajectories(
     return figure
 
 
-def _bounds(rollouts: Rollouts, scene: int, margin: float = 0.35) -> tuple[np.ndarray, np.ndarray]:
+def scene_bounds(rollouts: Rollouts, scene: int, margin: float = 0.35) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the part of a scene that is worth seeing: all paths, the human, start and goal."""
     one = rollouts.scene[0, scene]
     points = torch.cat([rollouts.pose[:, scene, :, :2].reshape(-1, 2), one.goal[None], one.human[None]])

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import torch
@@ -22,7 +24,7 @@ def test_every_robot_moves_from_its_start_to_where_it_ended(rollouts, tmp_path):
     np.testing.assert_allclose([robot.center for robot in robots], rollouts.pose[:, 1, -1, :2], rtol=1e-6)
     frames = [np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(Image.open(tmp_path / "drive.png"))]
     assert len(frames) == 3  # steps 0, 4 and 8
-    assert not any((one == other).all() for one, other in zip(frames, frames[1:], strict=False))
+    assert not any((one == other).all() for one, other in pairwise(frames))
 
 
 def test_the_last_step_is_a_frame_whatever_the_stride(rollouts, tmp_path):

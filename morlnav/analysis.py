@@ -177,9 +177,18 @@ def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -
 
 
 def _differences(runs: dict[str, Path]) -> pd.DataFrame:
-    configs = pd.json_normalize([OmegaConf.to_container(load_config(path)) for path in runs.values()])
-    configs = configs.drop(columns="resume", errors="ignore")  # where a run went on is no setting
-    configs = configs.map(lambda value: str(value) if isinstance(value, (list, dict)) else value)
+    configs = pd.DataFrame([_settings(path) for path in runs.values()])
     different = configs.loc[:, configs.nunique(dropna=False) > 1]
     different.insert(0, "run", list(runs))
     return different
+
+
+def _settings(run: Path) -> dict[str, object]:
+    """The config values of a run by their dotted names; where it went on and its own directory are no settings."""
+    flat = pd.json_normalize(OmegaConf.to_container(load_config(run))).to_dict("records")[0]
+    flat.pop("resume", None)
+    own = f"{run}{os.sep}"
+    return {
+        key: str(value).removeprefix(own) if isinstance(value, str | list | dict) else value
+        for key, value in flat.items()
+    }

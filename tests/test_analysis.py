@@ -81,6 +81,14 @@ def test_settings_may_be_lists_and_may_be_missing(tmp_path):
     assert pd.isna(settings["c"])
 
 
+def test_a_file_that_every_run_keeps_for_itself_is_no_setting(tmp_path):
+    for seed in (0, 1):
+        demo = {"reward": {"path": "where/the/run/was/made/reward.pt"}}
+        directory = make_run(tmp_path / f"{seed}", seed=seed, objectives={"demo": demo})
+        (directory / "reward.pt").touch()
+    assert list(load_sweep(tmp_path)) == ["run", "seed", "metric", "step", "value"]
+
+
 def test_a_single_run_is_a_sweep_of_one(tmp_path):
     directory = make_run(tmp_path / "only")
     pd.testing.assert_frame_equal(load_sweep(directory), load_run(directory))

@@ -88,7 +88,15 @@ def load_episodes(source: Runs) -> pd.DataFrame:
         ValueError: if the sequence of directories is empty.
 
     Examples:
-        >>> load_episodes("results/two_objectives").groupby("seed")["success"].mean()  # doctest: +SKIP
+        >>> import tempfile
+        >>> run = Path(tempfile.mkdtemp(), "first")
+        >>> (run / "evaluation").mkdir(parents=True)
+        >>> _ = (run / "config.yaml").write_text("seed: 0")
+        >>> _ = (run / "evaluation" / "episodes.csv").write_text("preference,success\\n0,True\\n0,False\\n")
+        >>> load_episodes(run).groupby("preference")["success"].mean()
+        preference
+        0    0.5
+        Name: success, dtype: float64
     """
     return _load_evaluation(source, "episodes")
 

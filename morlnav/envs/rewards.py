@@ -25,6 +25,12 @@ class Transition:
         next_observation: after the step ``[B, 34]``.
         contact: what was met during the step.
         scene: the scenes driven in.
+
+    Examples:
+        >>> from morlnav.envs import NavigationEnv
+        >>> timid = lambda transition: -1.0 * (transition.next_human_distance < 1.0)
+        >>> NavigationEnv(objectives={"timid": timid}, num_envs=2).rollout(3)["next", "reward"].shape
+        torch.Size([2, 3, 1])
     """
 
     pose: Tensor

@@ -160,7 +160,14 @@ def scene_bounds(rollouts: Rollouts, scene: int, margin: float = 0.35) -> tuple[
 
 
 def draw_scene(axes: Axes, scene: Scene, human_radius: float = 0.3, robot_radius: float = 0.18) -> None:
-    """Draw boxes, human, start and goal of one ``scene``, without a batch dimension; lengths are in metres."""
+    """Draw boxes, human, start and goal of one ``scene``, without a batch dimension; lengths are in metres.
+
+    >>> from morlnav.evaluation import evaluation_scenes
+    >>> axes = Figure().subplots()
+    >>> draw_scene(axes, evaluation_scenes(1)[0])
+    >>> len(axes.patches)  # three boxes, the human and the robot at its start
+    5
+    """
     for x, y, length, width, angle in scene.boxes.tolist():
         corner, size = (x - length, y - width), (2 * length, 2 * width)
         style = {"facecolor": BOX, "edgecolor": "#9aa0a8", "lw": 0.8, "zorder": 2}
@@ -222,6 +229,14 @@ def plot_metrics(
 
     Raises:
         ValueError: if fewer than two objectives, or none of the metrics, are in the summary.
+
+    Examples:
+        >>> summary = pd.DataFrame({"lambda_distance": [1.0, 0.5, 0.0], "lambda_efficiency": [0.0, 0.5, 1.0],
+        ...     "navigation_time": [20.0, 19.0, 18.0]})
+        >>> summary = summary.assign(navigation_time_low=summary["navigation_time"] - 1,
+        ...     navigation_time_high=summary["navigation_time"] + 1)
+        >>> len(plot_metrics(summary).axes)  # the metric, and the strip of fractions
+        2
     """
     names = [name.removeprefix("lambda_") for name in summary if name.startswith("lambda_")]
     metrics = [name for name in metrics if name in summary]

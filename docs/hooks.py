@@ -76,6 +76,7 @@ def _notebook_page(notebook: Path) -> dict[str, str | bytes]:
     exporter = MarkdownExporter()
     text, resources = exporter.from_filename(str(notebook), {"output_files_dir": notebook.stem})
     text = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)
+    text = text.replace('<table border="1" class="dataframe">', "<table>")  # the theme's tables
     return {f"notebooks/{notebook.stem}.md": text} | {
         f"notebooks/{name}": image for name, image in resources["outputs"].items()
     }

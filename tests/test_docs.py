@@ -1,6 +1,7 @@
 """The pages' code runs, and what they say on the command line is understood."""
 
 import re
+import runpy
 import shlex
 import sys
 from pathlib import Path
@@ -49,6 +50,16 @@ def test_the_code_of_a_page_runs(page, monkeypatch):
     code = "\n".join(code for _, code in blocks((ROOT / "docs" / f"{page}.md").read_text(), "python"))
     assert code
     exec(compile(code, f"{page}.md", "exec"), {})
+
+
+def test_the_config_reference_tells_every_choice_and_what_its_arguments_mean():
+    page = runpy.run_path(str(ROOT / "docs" / "hooks.py"))["_config_page"]()
+    for file in ROOT.glob("conf/*/*.yaml"):
+        assert f"### {file.parent.name}={file.stem}" in page
+    assert "### world=tensor (default)" in page
+    assert "| `goal_radius` | `0.35` | `0.35` | the goal counts as reached within this distance in metres. |" in page
+    inherited = page[page.index("### world=pymunk") : page.index("## env")]
+    assert "| `step_time` |  | `0.2` | one control step in seconds (5 Hz). |" in inherited
 
 
 def test_parts_of_ones_own_work_without_the_command_line(my_parts):

@@ -76,5 +76,7 @@ def animate_rollouts(
             trail.set_data(*poses[: step + 1, :2].T)
         return robots + trails
 
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")  # laid out once, not for every frame
     last = pose.shape[1] - 1
     return FuncAnimation(figure, draw, [*range(0, last, stride), last], interval=1000 * stride * step_time)

@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import pandas as pd
 from omegaconf import OmegaConf
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from morlnav.policy import CONFIG_FILE, load_config
 
@@ -45,6 +46,9 @@ def load_run(directory: str | Path) -> pd.DataFrame:
 def load_sweep(source: Runs) -> pd.DataFrame:
     """The scalars of several runs, with the settings in which they differ.
 
+    They come from the CSV files of a run, or, where it has none, from its TensorBoard events, which hold single
+    precision.
+
     Args:
         source: a sweep's directory, or run directories; runs that have logged nothing are left out.
 
@@ -57,9 +61,16 @@ def load_sweep(source: Runs) -> pd.DataFrame:
         ValueError: if the sequence of directories is empty.
 
     Examples:
-        >>> logs = load_sweep("multirun/2025-01-01/12-00-00")  # doctest: +SKIP
-        >>> success = logs[logs["metric"] == "train/success"]  # doctest: +SKIP
-        >>> success.groupby(["loss.gamma", "step"])["value"].mean()  # doctest: +SKIP
+        >>> import tempfile
+        >>> from morlnav.record.loggers import TensorboardCSVLogger
+        >>> sweep = Path(tempfile.mkdtemp())
+        >>> for seed in (0, 1):
+        ...     TensorboardCSVLogger("logs", sweep / f"seed={seed}").log_scalar("train/success", seed / 2, step=10)
+        ...     OmegaConf.save({"seed": seed}, sweep / f"seed={seed}" / "config.yaml")
+        >>> load_sweep(sweep)
+              run  seed         metric  step  value
+        0  seed=0     0  train/success    10    0.0
+        1  seed=1     1  train/success    10    0.5
     """
     runs = _find_runs(source)
     tables = {name: _scalars(path) for name, path in runs.items()}
@@ -77,7 +88,15 @@ def load_episodes(source: Runs) -> pd.DataFrame:
         ValueError: if the sequence of directories is empty.
 
     Examples:
-        >>> load_episodes("results/two_objectives").groupby("seed")["success"].mean()  # doctest: +SKIP
+        >>> import tempfile
+        >>> run = Path(tempfile.mkdtemp(), "first")
+        >>> (run / "evaluation").mkdir(parents=True)
+        >>> _ = (run / "config.yaml").write_text("seed: 0")
+        >>> _ = (run / "evaluation" / "episodes.csv").write_text("preference,success\\n0,True\\n0,False\\n")
+        >>> load_episodes(run).groupby("preference")["success"].mean()
+        preference
+        0    0.5
+        Name: success, dtype: float64
     """
     return _load_evaluation(source, "episodes")
 
@@ -129,16 +148,30 @@ def _find_runs(source: Runs) -> dict[str, Path]:
 
 
 def _scalars(run: Path) -> pd.DataFrame:
-    folder = run / "logs" / "scalars"
-    tables = {
-        path.relative_to(folder).with_suffix("").as_posix(): pd.read_csv(path, names=["step", "value"])
-        for path in folder.rglob("*.csv")
-        if path.stat().st_size
-    }
+    tables = _from_csv(run / "logs" / "scalars") or _from_events(run / "logs")
     if not tables:
         return pd.DataFrame()
     logs = pd.concat(tables, names=["metric"]).reset_index("metric")
     return logs.drop_duplicates(["metric", "step"], keep="last").sort_values(["metric", "step"])
+
+
+def _from_csv(folder: Path) -> dict[str, pd.DataFrame]:
+    return {
+        path.relative_to(folder).with_suffix("").as_posix(): pd.read_csv(path, names=["step", "value"])
+        for path in folder.rglob("*.csv")
+        if path.stat().st_size
+    }
+
+
+def _from_events(folder: Path) -> dict[str, pd.DataFrame]:
+    if not any(folder.glob("*.tfevents.*")):
+        return {}
+    # Every scalar is kept, those of steps that a resumed run repeats too: the last one counts, as in the CSV files.
+    events = EventAccumulator(str(folder), size_guidance={"scalars": 0}, purge_orphaned_data=False).Reload()
+    return {
+        name: pd.DataFrame([(event.step, event.value) for event in events.Scalars(name)], columns=["step", "value"])
+        for name in events.Tags()["scalars"]
+    }
 
 
 def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -> pd.DataFrame:
@@ -152,9 +185,18 @@ def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -
 
 
 def _differences(runs: dict[str, Path]) -> pd.DataFrame:
-    configs = pd.json_normalize([OmegaConf.to_container(load_config(path)) for path in runs.values()])
-    configs = configs.drop(columns="resume", errors="ignore")  # where a run went on is no setting
-    configs = configs.map(lambda value: str(value) if isinstance(value, (list, dict)) else value)
+    configs = pd.DataFrame([_settings(path) for path in runs.values()])
     different = configs.loc[:, configs.nunique(dropna=False) > 1]
     different.insert(0, "run", list(runs))
     return different
+
+
+def _settings(run: Path) -> dict[str, object]:
+    """The config values of a run by their dotted names; where it went on and its own directory are no settings."""
+    flat = pd.json_normalize(OmegaConf.to_container(load_config(run))).to_dict("records")[0]
+    flat.pop("resume", None)
+    own = f"{run}{os.sep}"
+    return {
+        key: str(value).removeprefix(own) if isinstance(value, str | list | dict) else value
+        for key, value in flat.items()
+    }

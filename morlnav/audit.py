@@ -21,6 +21,13 @@ def find_reward(path: Path) -> Path:
 
     Raises:
         FileNotFoundError: if there is none.
+
+    Examples:
+        >>> import tempfile
+        >>> run = Path(tempfile.mkdtemp())
+        >>> (run / "reward.pt").touch()
+        >>> find_reward(run).name
+        'reward.pt'
     """
     for place in (path, path / "reward.pt", path / "reward" / "reward.pt"):
         if place.is_file():

@@ -19,7 +19,11 @@ from tqdm import tqdm
 
 
 def conf_dir() -> str:
-    """The folder of configs: inside the installed package, or beside it in a checkout."""
+    """The folder of configs: inside the installed package, or beside it in a checkout.
+
+    >>> (Path(conf_dir()) / "train.yaml").is_file()
+    True
+    """
     inside = Path(__file__).parent / "conf"
     return str(inside if inside.is_dir() else Path(__file__).parents[1] / "conf")
 
@@ -46,7 +50,13 @@ def keep_freed_memory() -> None:
 
 @contextmanager
 def one_sentence_errors() -> Iterator[None]:
-    """Turn a user's mistake into one sentence on standard error and exit status 1."""
+    """Turn a user's mistake into one sentence on standard error and exit status 1.
+
+    >>> with one_sentence_errors():
+    ...     raise ValueError("Seeds must not be negative.")
+    Traceback (most recent call last):
+    SystemExit: Seeds must not be negative.
+    """
     try:
         yield
     except KeyboardInterrupt:

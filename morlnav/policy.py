@@ -23,6 +23,12 @@ class Policy(nn.Module):
     Args:
         actor: the network.
         objectives: names of the preference's entries, in order.
+
+    Examples:
+        >>> from morlnav.modules import Actor
+        >>> policy = Policy(Actor(2, [0.0, -3.14], [0.5, 3.14]), ("distance", "efficiency"))
+        >>> policy(torch.zeros(8, 34), torch.tensor([0.5, 0.5])).shape
+        torch.Size([8, 2])
     """
 
     def __init__(self, actor: nn.Module, objectives: tuple[str, ...]) -> None:
@@ -51,6 +57,13 @@ def load_config(directory: str | Path, device: str = "cpu") -> DictConfig:
 
     Raises:
         FileNotFoundError: if the directory holds no run.
+
+    Examples:
+        >>> import tempfile
+        >>> run = Path(tempfile.mkdtemp())
+        >>> OmegaConf.save({"seed": 3, "device": "cuda"}, run / "config.yaml")
+        >>> load_config(run)
+        {'seed': 3, 'device': 'cpu'}
     """
     path = Path(directory) / CONFIG_FILE
     if not path.is_file():
@@ -101,6 +114,11 @@ def check_targets(node: DictConfig) -> None:
 
     Raises:
         ValueError: naming the foreign class.
+
+    Examples:
+        >>> check_targets(OmegaConf.create({"world": {"_target_": "elsewhere.World"}}))
+        Traceback (most recent call last):
+        ValueError: This run uses the foreign class elsewhere.World; if it is your own, load it with trust=True.
     """
     for part in BUILT_ON_LOADING:
         if OmegaConf.select(node, part) is not None:

@@ -1,3 +1,5 @@
+import shutil
+
 import pandas as pd
 import pytest
 from omegaconf import OmegaConf
@@ -47,6 +49,17 @@ def test_steps_that_a_resumed_run_repeats_count_once(tmp_path):
     assert load_run(directory).query("metric == 'train/success'")["value"].tolist() == [0.1, 0.9]
 
 
+def test_events_of_tensorboard_stand_in_for_missing_csv_files(tmp_path):
+    for seed in (0, 1):
+        directory = make_run(tmp_path / f"{seed}", values=[(step + seed) / 7 for step in range(2000)], seed=seed)
+        TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.9, step=20)  # resumed: another file
+    from_csv = load_sweep(tmp_path)
+    for seed in (0, 1):
+        shutil.rmtree(tmp_path / f"{seed}" / "logs" / "scalars")
+    pd.testing.assert_frame_equal(load_sweep(tmp_path), from_csv, rtol=1e-6)
+    assert len(from_csv) == 8000
+
+
 def test_a_sweep_shows_the_settings_that_differ(tmp_path):
     make_run(tmp_path / "0", seed=0)
     make_run(tmp_path / "1", values=(0.75,), seed=1, loss={"gamma": 0.95, "angles": {"none": None}}, resume="elsewhere")
@@ -66,6 +79,14 @@ def test_settings_may_be_lists_and_may_be_missing(tmp_path):
     settings = load_sweep(tmp_path).drop_duplicates("run").set_index("run")["cells"]
     assert settings["a"] == "[64, 64]"
     assert pd.isna(settings["c"])
+
+
+def test_a_file_that_every_run_keeps_for_itself_is_no_setting(tmp_path):
+    for seed in (0, 1):
+        demo = {"reward": {"path": "where/the/run/was/made/reward.pt"}}
+        directory = make_run(tmp_path / f"{seed}", seed=seed, objectives={"demo": demo})
+        (directory / "reward.pt").touch()
+    assert list(load_sweep(tmp_path)) == ["run", "seed", "metric", "step", "value"]
 
 
 def test_a_single_run_is_a_sweep_of_one(tmp_path):

@@ -1,22 +1,89 @@
+"""The notebooks run, draw what they show, and are shipped with it."""
+
+import io
+import re
+import shutil
+from base64 import b64decode
 from pathlib import Path
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from omegaconf import OmegaConf
+from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture
+def execute(tmp_path, monkeypatch):
+    """Run a notebook in an empty folder, with environment variables."""
+
+    def run(name, **variables):
+        for variable, value in {"OMP_NUM_THREADS": 1, **variables}.items():
+            monkeypatch.setenv(variable, str(value))
+        book = nbformat.read(ROOT / "notebooks" / f"{name}.ipynb", as_version=4)
+        client = NotebookClient(book, timeout=180, kernel_name="python3", resources={"metadata": {"path": tmp_path}})
+        client.execute()
+        return book
+
+    return run
+
+
+def outputs(book, kind=None):
+    found = [output for cell in book.cells if cell.cell_type == "code" for output in cell.outputs]
+    return found if kind is None else [output.data[kind] for output in found if kind in output.get("data", {})]
+
+
+def printed(book):
+    return "".join(output.text for output in outputs(book) if output.output_type == "stream")
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_shipped_with_its_pictures_and_without_complaints(path):
+    book = nbformat.read(path, as_version=4)
+    assert len(outputs(book, "image/png")) >= 3
+    assert not [output for output in outputs(book) if output.get("name") == "stderr" or output.output_type == "error"]
+    assert path.stat().st_size < 1_500_000
+
+
+def test_the_quickstart_trains_a_policy_and_shows_it_driving(execute):
+    book = execute("01_quickstart", MORLNAV_FRAMES=256, MORLNAV_SCENES=2)
+    assert "22 episodes: 11 preferences in 2 scenes" in printed(book)
+    assert len(re.findall(r"v = [\d.]+ m/s", printed(book))) == 3
+    pictures = [Image.open(io.BytesIO(b64decode(data))) for data in outputs(book, "image/png")]
+    assert [getattr(picture, "n_frames", 1) > 10 for picture in pictures] == [False, True, False]
+
+
+def test_the_analysis_tells_settings_from_seeds(execute, tmp_path):
+    for number, (gamma, seed) in enumerate([(0.9, 0), (0.9, 1), (0.99, 2)]):
+        run = shutil.copytree(RESULTS / "two_objectives" / f"seed_{seed}", tmp_path / "sweep" / str(number))
+        cfg = OmegaConf.load(run / "config.yaml")
+        cfg.loss.gamma = gamma
+        OmegaConf.save(cfg, run / "config.yaml")
+    book = execute("02_analysis", MORLNAV_SWEEP=tmp_path / "sweep")
+    assert len(outputs(book, "image/png")) == 3
+    tables = [text for text in outputs(book, "text/plain") if "Figure" not in text]
+    head, settings, table, preferences, comparison = tables
+    assert "loss.gamma=0.99" in settings
+    assert "loss.gamma" in head
+    assert re.search(r"success .* ± .* [\d.]+$", table, re.MULTILINE)  # two seeds have an interval, one has none
+    assert "±" in preferences
+    assert re.search(r"loss.gamma=0.9 +loss.gamma=0.99 +-?[\d.]+", comparison)
+
+
+def test_parts_solve_foreign_problems(execute):
+    book = execute("03_reuse")
+    assert len(outputs(book, "image/png")) == 4
+    assert float(re.search(r"largest error of the choice: ([\d.]+)", printed(book))[1]) < 0.2
 
 
 @pytest.mark.parametrize(
     ("run", "sweep"), [("default", "missing"), ("two_objectives/seed_0", "two_objectives")], ids=["run", "sweep"]
 )
-def test_the_notebook_runs_and_draws(run, sweep, tmp_path, monkeypatch):
-    monkeypatch.setenv("MORLNAV_RUN", str(RESULTS / run))
-    monkeypatch.setenv("MORLNAV_SWEEP", str(RESULTS / sweep))
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    notebook = nbformat.read(ROOT / "notebooks" / "analysis.ipynb", as_version=4)
-    NotebookClient(notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": tmp_path}}).execute()
-    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
-    assert sum("image/png" in output.get("data", {}) for output in outputs) == 6
-    assert sum("text/html" in output.get("data", {}) for output in outputs) == 3
+def test_one_run_is_looked_into(run, sweep, execute):
+    book = execute("analysis", MORLNAV_RUN=RESULTS / run, MORLNAV_SWEEP=RESULTS / sweep)
+    assert len(outputs(book, "image/png")) == 6
+    assert len(outputs(book, "text/html")) == 3

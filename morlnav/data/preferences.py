@@ -22,6 +22,14 @@ class PreferenceSampler(ABC):
 
     Raises:
         ValueError: if ``num_objectives`` is below 1.
+
+    Examples:
+        >>> class OnlyFirst(PreferenceSampler):
+        ...     def __call__(self, *batch_size, device=None, generator=None):
+        ...         return torch.eye(self.num_objectives, device=device)[0].expand(*batch_size, -1)
+        >>> OnlyFirst(3)(2)
+        tensor([[1., 0., 0.],
+                [1., 0., 0.]])
     """
 
     def __init__(self, num_objectives: int) -> None:

@@ -34,6 +34,16 @@ def roll_out_ranked(
 
     Raises:
         ValueError: if the levels do not ascend from 0 or more, or there are no episodes.
+
+    Examples:
+        >>> from morlnav.envs import NavigationEnv
+        >>> from morlnav.modules import EpsilonGreedyNoise
+        >>> straight = lambda observation: torch.tensor([0.5, 0.0]).expand(len(observation), 2)
+        >>> low, high = torch.tensor([0.0, -3.14]), torch.tensor([0.5, 3.14])
+        >>> rollouts = roll_out_ranked(straight, lambda count: NavigationEnv(num_envs=count),
+        ...     lambda levels: EpsilonGreedyNoise(levels, low, high), [0.0, 0.5, 1.0], episodes=4, max_steps=10)
+        >>> rollouts.shape, rollouts["observation"].shape
+        (torch.Size([3, 4, 10]), torch.Size([3, 4, 10, 34]))
     """
     if list(levels) != sorted(set(levels)) or not levels or levels[0] < 0 or episodes < 1:
         raise ValueError(f"Noise levels must ascend from 0 and need episodes, got {list(levels)} and {episodes}.")
@@ -71,6 +81,12 @@ class SnippetPairs:
 
     Raises:
         ValueError: if there are fewer than two levels, or a level has no roll-out as long as a snippet.
+
+    Examples:
+        >>> rollouts = TensorDict(observation=torch.zeros(3, 4, 10, 34), action=torch.zeros(3, 4, 10, 2),
+        ...     mask=torch.ones(3, 4, 10, dtype=torch.bool), batch_size=[3, 4, 10])
+        >>> SnippetPairs(rollouts, length=5).sample(16)["better", "action"].shape
+        torch.Size([16, 5, 2])
     """
 
     def __init__(self, rollouts: TensorDict, length: int | None = 5) -> None:

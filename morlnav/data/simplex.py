@@ -79,6 +79,11 @@ def preference_edges(num_objectives: int, steps: int) -> Tensor:
 
 
 def check_at_least(name: str, value: int, least: int) -> None:
-    """Refuse a ``value`` below ``least`` in one sentence."""
+    """Refuse a ``value`` below ``least`` in one sentence.
+
+    >>> check_at_least("steps", 0, 1)
+    Traceback (most recent call last):
+    ValueError: steps must be at least 1, got 0.
+    """
     if value < least:
         raise ValueError(f"{name} must be at least {least}, got {value}.")

@@ -111,6 +111,7 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
     def _draw(self, figure: Figure) -> None:
         world = self._env.world
         axes = figure.add_subplot()
+        axes.set_aspect("equal", adjustable="datalim")
         draw_scene(axes, world.scene[0].cpu(), world.human_radius, world.robot.radius)
         track, (x, y, heading) = torch.stack(self._track).cpu(), world.pose[0].tolist()
         axes.plot(track[:, 0], track[:, 1], color="#2456d6")

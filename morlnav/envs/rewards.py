@@ -25,6 +25,12 @@ class Transition:
         next_observation: after the step ``[B, 34]``.
         contact: what was met during the step.
         scene: the scenes driven in.
+
+    Examples:
+        >>> from morlnav.envs import NavigationEnv
+        >>> timid = lambda transition: -1.0 * (transition.next_human_distance < 1.0)
+        >>> NavigationEnv(objectives={"timid": timid}, num_envs=2).rollout(3)["next", "reward"].shape
+        torch.Size([2, 3, 1])
     """
 
     pose: Tensor
@@ -66,8 +72,12 @@ class Objective(Protocol):
 class GoalProgress:
     """``scale`` per metre of progress toward the goal, ``c_g·(d_{t-1} - d_t)`` (Sec. III-D.1, sign as intended).
 
-    >>> GoalProgress(scale=125.0).scale
-    125.0
+    Args:
+        scale: ``c_g``, reward per metre.
+
+    Examples:
+        >>> GoalProgress(scale=125.0).bounds(reach=0.1)
+        (-12.5, 12.5)
     """
 
     scale: float = 125.0
@@ -86,8 +96,12 @@ class GoalProgress:
 class Collision:
     """``penalty`` on contact with the human or a box (Sec. III-D.1).
 
-    >>> Collision().penalty
-    -1000.0
+    Args:
+        penalty: reward of the step that ends in contact.
+
+    Examples:
+        >>> Collision().penalty
+        -1000.0
     """
 
     penalty: float = -1000.0
@@ -105,8 +119,17 @@ class Collision:
 class HumanDistance:
     """Quadratic penalty for closeness to the human (Eq. 3): 0 beyond ``threshold`` m, ``penalty`` at ``minimum`` m.
 
-    >>> HumanDistance().threshold
-    2.0
+    Args:
+        penalty: ``p_max``, reward at ``minimum``.
+        threshold: ``d_thresh`` in metres.
+        minimum: ``d_min`` in metres.
+
+    Raises:
+        ValueError: unless ``0 <= minimum < threshold``.
+
+    Examples:
+        >>> HumanDistance().threshold
+        2.0
     """
 
     penalty: float = -10.0
@@ -132,8 +155,12 @@ class HumanDistance:
 class Efficiency:
     """A constant ``penalty`` per step (Sec. III-D.2).
 
-    >>> Efficiency().penalty
-    -10.0
+    Args:
+        penalty: reward of every step.
+
+    Examples:
+        >>> Efficiency().penalty
+        -10.0
     """
 
     penalty: float = -10.0

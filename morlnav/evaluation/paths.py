@@ -61,6 +61,12 @@ def shortest_polylines(
 
     Raises:
         ValueError: if the scene does not have one batch dimension.
+
+    Examples:
+        >>> from morlnav.evaluation import evaluation_scenes
+        >>> route = shortest_polylines(evaluation_scenes(1))[0]
+        >>> route[0].tolist()  # the start, beside a human in the way
+        [0.0, 0.0]
     """
     if len(scene.batch_size) != 1:
         raise ValueError(f"Shortest paths need scenes with one batch dimension [S], got {list(scene.batch_size)}.")

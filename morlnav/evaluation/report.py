@@ -61,6 +61,13 @@ def front_table(rollouts: Rollouts, rewards: Sequence[str], reference: Tensor | 
 
     Raises:
         ValueError: if the number of names or the reference point does not fit the rewards.
+
+    Examples:
+        >>> from morlnav.evaluation import evaluate_policy, evaluation_scenes
+        >>> straight = lambda observation, preference: torch.tensor([0.5, 0.0]).expand(len(observation), 2)
+        >>> rollouts = evaluate_policy(straight, evaluation_scenes(2), torch.eye(2), max_steps=5)
+        >>> front_table(rollouts, ["baseline", "distance", "efficiency"])["return_efficiency"].tolist()
+        [-50.0, -50.0]
     """
     rollouts = rollouts.cpu()
     preferences, returns = rollouts.preference[:, 0], rollouts.reward.double().sum(-2).mean(1)

@@ -18,7 +18,11 @@ SEED_OFFSET = 2**31
 
 
 class Outcome(IntEnum):
-    """How an episode ended."""
+    """How an episode ended.
+
+    >>> Outcome(1).name
+    'GOAL'
+    """
 
     TIMEOUT = 0
     GOAL = 1

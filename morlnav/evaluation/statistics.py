@@ -24,12 +24,20 @@ INDEX = ("preference", "scene")
 
 
 def tuneable_objectives(frame: pd.DataFrame) -> list[str]:
-    """Names of the objectives that the preference columns ``lambda_<name>`` weigh, in order."""
+    """Names of the objectives that the preference columns ``lambda_<name>`` weigh, in order.
+
+    >>> tuneable_objectives(pd.DataFrame(columns=["scene", "lambda_distance", "lambda_efficiency", "success"]))
+    ['distance', 'efficiency']
+    """
     return [name.removeprefix("lambda_") for name in frame.columns if name.startswith("lambda_")]
 
 
 def metric_columns(frame: pd.DataFrame) -> list[str]:
-    """Columns of an episode frame that are averaged: neither indices, nor preferences, nor outcomes."""
+    """Columns of an episode frame that are averaged: neither indices, nor preferences, nor outcomes.
+
+    >>> metric_columns(pd.DataFrame(columns=["scene", "lambda_distance", "success", "navigation_time"]))
+    ['navigation_time']
+    """
     outcomes = [name for names in RATES.values() for name in names]
     return [name for name in frame.columns if name not in (*INDEX, *outcomes) and not name.startswith("lambda_")]
 
@@ -63,7 +71,15 @@ def summarise(frame: pd.DataFrame, confidence: float = 0.95, resamples: int = 10
 
 
 def overall(frame: pd.DataFrame, confidence: float = 0.95, resamples: int = 1000, seed: int = 0) -> pd.DataFrame:
-    """The same columns as :func:`summarise` in a single row over all preferences, without the preference."""
+    """The same columns as :func:`summarise` in a single row over all preferences, without the preference.
+
+    Examples:
+        >>> frame = pd.DataFrame({"preference": [0, 1], "lambda_distance": [1.0, 0.0], "success": [True, False],
+        ...     "collision_human": [False, True], "collision_box": False, "timeout": False,
+        ...     "navigation_time": [16.0, 5.0]})
+        >>> overall(frame)[["SR", "CR", "navigation_time"]].values.tolist()
+        [[50.0, 50.0, 16.0]]
+    """
     rng = np.random.default_rng(seed)
     row = pd.DataFrame([_summary_row(frame, confidence, resamples, rng)])
     return row.drop(columns=["preference", *(f"lambda_{name}" for name in tuneable_objectives(frame))])
@@ -81,7 +97,11 @@ def _summary_row(group: pd.DataFrame, confidence: float, resamples: int, rng: np
 
 
 def metric_values(frame: pd.DataFrame, metric: str) -> np.ndarray:
-    """The finite values of a metric, over successful episodes where :func:`summarise` counts only these."""
+    """The finite values of a metric, over successful episodes where :func:`summarise` counts only these.
+
+    >>> metric_values(pd.DataFrame({"success": [True, False], "navigation_time": [16.0, 5.0]}), "navigation_time")
+    array([16.])
+    """
     chosen = frame[frame["success"].astype(bool)] if metric in ONLY_SUCCESS else frame
     values = chosen[metric].to_numpy(float)
     return values[np.isfinite(values)]
@@ -108,6 +128,12 @@ def compare_extremes(frame: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFram
 
     Raises:
         ValueError: if a metric is not a column.
+
+    Examples:
+        >>> frame = pd.DataFrame({"preference": [0, 0, 1, 1], "lambda_distance": [1.0, 1.0, 0.0, 0.0],
+        ...     "lambda_efficiency": [0.0, 0.0, 1.0, 1.0], "success": True, "min_human_distance": [1.5, 1.7, 0.6, 0.7]})
+        >>> compare_extremes(frame, ["min_human_distance"])[["first", "second", "stars"]].values.tolist()
+        [['distance', 'efficiency', '*'], ['efficiency', 'distance', '*']]
     """
     _check_columns(frame, metrics)
     names = tuneable_objectives(frame)
@@ -156,6 +182,12 @@ def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None
 
     Raises:
         ValueError: if ``expected`` names an objective or column that the frame lacks, or a sign is not ±1.
+
+    Examples:
+        >>> frame = pd.DataFrame({"preference": [0, 0, 1, 1], "lambda_distance": [1.0, 1.0, 0.0, 0.0],
+        ...     "lambda_efficiency": [0.0, 0.0, 1.0, 1.0], "success": True, "min_human_distance": [1.5, 1.7, 0.6, 0.7]})
+        >>> fidelity(frame)[["objective", "metric", "spearman"]].round(3).values.tolist()
+        [['distance', 'min_human_distance', 1.0]]
     """
     names = tuneable_objectives(frame)
     if expected is None:

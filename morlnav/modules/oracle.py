@@ -40,6 +40,14 @@ class Oracle(nn.Module, ABC):
 
     Raises:
         ValueError: if a number is not positive.
+
+    Examples:
+        >>> class Direct(Oracle):
+        ...     def plan(self, goal, human):
+        ...         return Plan(course=goal[..., 1], curvature=torch.zeros_like(goal[..., 1]), distance=goal[..., 0])
+        >>> action = Direct()(torch.tensor([5.0, 0.0, 2.5, 0.1] + [4.0] * 30))
+        >>> [round(value, 2) for value in action.tolist()]
+        [0.5, 0.0]
     """
 
     def __init__(

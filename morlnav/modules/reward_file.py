@@ -57,6 +57,13 @@ def load_reward(path: str | Path, device: torch.device | str = "cpu") -> nn.Modu
     Raises:
         FileNotFoundError: if one of the two files is missing.
         ValueError: if a file is damaged, names another class, or the two do not belong together.
+
+    Examples:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "reward.pt"
+        >>> save_reward(RewardModel(depth=1), path)
+        >>> load_reward(path)(torch.zeros(4, 34), torch.zeros(4, 2)).shape
+        torch.Size([4])
     """
     model = _build(read_facts(path)["model"], path)
     try:

@@ -118,7 +118,7 @@ def plot_trajectories(
         raise ValueError(f"Scenes must be indices below {rollouts.batch_size[1]}, got {list(scenes)}.")
     preferences = rollouts.preference[:, 0].numpy()
     colours, edges = objective_colours(objectives), tour(len(objectives))
-    bounds = {scene: _bounds(rollouts, scene) for scene in scenes}
+    bounds = {scene: scene_bounds(rollouts, scene) for scene in scenes}
     widths = [high[0] - low[0] for low, high in bounds.values()]
     height = max(high[1] - low[1] for low, high in bounds.values())
     scale = 12.4 / sum(widths)  # inches per metre
@@ -151,7 +151,7 @@ def plot_trajectories(
     return figure
 
 
-def _bounds(rollouts: Rollouts, scene: int, margin: float = 0.35) -> tuple[np.ndarray, np.ndarray]:
+def scene_bounds(rollouts: Rollouts, scene: int, margin: float = 0.35) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the part of a scene that is worth seeing: all paths, the human, start and goal."""
     one = rollouts.scene[0, scene]
     points = torch.cat([rollouts.pose[:, scene, :, :2].reshape(-1, 2), one.goal[None], one.human[None]])
@@ -160,7 +160,14 @@ def _bounds(rollouts: Rollouts, scene: int, margin: float = 0.35) -> tuple[np.nd
 
 
 def draw_scene(axes: Axes, scene: Scene, human_radius: float = 0.3, robot_radius: float = 0.18) -> None:
-    """Draw boxes, human, start and goal of one ``scene``, without a batch dimension; lengths are in metres."""
+    """Draw boxes, human, start and goal of one ``scene``, without a batch dimension; lengths are in metres.
+
+    >>> from morlnav.evaluation import evaluation_scenes
+    >>> axes = Figure().subplots()
+    >>> draw_scene(axes, evaluation_scenes(1)[0])
+    >>> len(axes.patches)  # three boxes, the human and the robot at its start
+    5
+    """
     for x, y, length, width, angle in scene.boxes.tolist():
         corner, size = (x - length, y - width), (2 * length, 2 * width)
         style = {"facecolor": BOX, "edgecolor": "#9aa0a8", "lw": 0.8, "zorder": 2}
@@ -222,6 +229,14 @@ def plot_metrics(
 
     Raises:
         ValueError: if fewer than two objectives, or none of the metrics, are in the summary.
+
+    Examples:
+        >>> summary = pd.DataFrame({"lambda_distance": [1.0, 0.5, 0.0], "lambda_efficiency": [0.0, 0.5, 1.0],
+        ...     "navigation_time": [20.0, 19.0, 18.0]})
+        >>> summary = summary.assign(navigation_time_low=summary["navigation_time"] - 1,
+        ...     navigation_time_high=summary["navigation_time"] + 1)
+        >>> len(plot_metrics(summary).axes)  # the metric, and the strip of fractions
+        2
     """
     names = [name.removeprefix("lambda_") for name in summary if name.startswith("lambda_")]
     metrics = [name for name in metrics if name in summary]

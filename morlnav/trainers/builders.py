@@ -28,7 +28,13 @@ LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "gamma", "gamma_
 
 
 def build(node: DictConfig, **objects: Any) -> Any:
-    """Call a config's ``_target_`` with live objects, which OmegaConf cannot hold."""
+    """Call a config's ``_target_`` with live objects, which OmegaConf cannot hold.
+
+    Examples:
+        >>> world = build(OmegaConf.create({"_target_": "morlnav.world.TensorWorld", "goal_radius": 0.5}), device="cpu")
+        >>> world.goal_radius
+        0.5
+    """
     try:
         return instantiate(node, _partial_=True, _convert_="all")(**objects)
     except TypeError as error:  # a value of the wrong kind, or an argument that the class does not have
@@ -58,7 +64,17 @@ def make_preferences(cfg: DictConfig, num_objectives: int) -> PreferenceSampler:
 
 
 def make_env(cfg: DictConfig, num_envs: int | None = None, seed: int | None = None) -> TransformedEnv:
-    """The training environment: a preference per episode, a time limit, and returns."""
+    """The training environment: a preference per episode, a time limit, and returns.
+
+    Examples:
+        >>> from hydra import compose, initialize_config_dir
+        >>> from morlnav.cli import conf_dir
+        >>> with initialize_config_dir(conf_dir(), version_base="1.3"):
+        ...     cfg = compose("train", ["objectives=[baseline,distance,efficiency]"])
+        >>> env = make_env(cfg, num_envs=2)
+        >>> env.rollout(3)["preference"].shape
+        torch.Size([2, 3, 2])
+    """
     env = make_base_env(cfg, num_envs, seed if seed is not None else cfg.seed)
     sampler = make_preferences(cfg, len(env.objectives))
     return TransformedEnv(env, Compose(StepCounter(cfg.env.max_steps), RewardSum(), DrawPreference(sampler)))
@@ -82,7 +98,18 @@ def bounds_of(env: NavigationEnv) -> dict[str, list[float]]:
 
 
 def make_networks(cfg: DictConfig, env: NavigationEnv) -> tuple[nn.Module, list[nn.Module]]:
-    """The actor and the twin critics as plain modules that fit the environment."""
+    """The actor and the twin critics as plain modules that fit the environment.
+
+    Examples:
+        >>> from hydra import compose, initialize_config_dir
+        >>> from morlnav.cli import conf_dir
+        >>> with initialize_config_dir(conf_dir(), version_base="1.3"):
+        ...     cfg = compose("train", ["objectives=[baseline,distance,efficiency]"])
+        >>> env = make_base_env(cfg, num_envs=1)
+        >>> actor, critics = make_networks(cfg, env)
+        >>> len(critics)
+        2
+    """
     shape = {"num_preferences": len(env.objectives), **bounds_of(env)}
     actor = build(cfg.networks.actor, **shape, features=make_features(cfg.networks.features, env))
     critics = [

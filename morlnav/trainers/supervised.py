@@ -47,6 +47,19 @@ def fit(
 
     Raises:
         ValueError: if ``steps`` is below 1.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> from tensordict.nn import TensorDictModule
+        >>> from morlnav.objectives import BehaviourCloningLoss
+        >>> _ = torch.manual_seed(0)
+        >>> rows = TensorDict(observation=torch.randn(256, 3), batch_size=[256])
+        >>> rows["action"] = rows["observation"][:, :1] / 2
+        >>> actor = TensorDictModule(torch.nn.Linear(3, 1), ["observation"], ["action"])
+        >>> loss = BehaviourCloningLoss(actor, bounds=(torch.tensor([-1.0]), torch.tensor([1.0])))
+        >>> scores = fit(loss, lambda: rows[:200], rows[200:], steps=300, lr=0.03, progress_bar=False)
+        >>> scores["loss_bc"] < 0.01
+        True
     """
     if steps < 1:
         raise ValueError(f"{name} needs at least one step, got {steps}.")

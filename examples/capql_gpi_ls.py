@@ -5,12 +5,13 @@
     python examples/capql_gpi_ls.py compare results/two_objectives/seed_0 results/peers/capql results/peers/gpi_ls
 
 Both agents are morl-baselines' own, unchanged, with their own defaults but for what SETTINGS says. They get what helps
-our learner: the features that our networks look through, and rewards in the learner's unit. The time is that of one core,
-so that a busy machine takes nothing from them; on a free one it is the time on the wall.
+our learner: the features that our networks look through, and rewards in the learner's unit. The time is that of one
+core, so that a busy machine takes nothing from them; on a free one it is the time on the wall.
 """
 
 import argparse
 import json
+import math
 import os
 import time
 from pathlib import Path
@@ -51,9 +52,9 @@ class TimeUp(Exception):
 class Deadline(gymnasium.Wrapper):
     """Lets an agent drive until the process has had ``deadline`` seconds of the processor, and counts its steps."""
 
-    def __init__(self, env: gymnasium.Env, deadline: float) -> None:
+    def __init__(self, env: gymnasium.Env) -> None:
         super().__init__(env)
-        self.deadline, self.steps = deadline, 0
+        self.deadline, self.steps = math.inf, 0
 
     def step(self, action: np.ndarray) -> tuple:
         """One step, or :class:`TimeUp`."""
@@ -63,12 +64,12 @@ class Deadline(gymnasium.Wrapper):
         return self.env.step(action)
 
 
-def make_env(objectives: dict[str, Objective], deadline: float) -> Deadline:
+def make_env(objectives: dict[str, Objective]) -> Deadline:
     """Our environment with features for observations and rewards in the learner's unit."""
     env, features = gymnasium.make(ENV_ID, objectives=objectives), NavigationFeatures()
     space = gymnasium.spaces.Box(-np.inf, np.inf, (features.out_features,), np.float32)
     env = TransformObservation(env, lambda seen: features(torch.from_numpy(seen)).numpy(), space)
-    return Deadline(TransformReward(env, lambda reward: REWARD_SCALE * reward), deadline)
+    return Deadline(TransformReward(env, lambda reward: REWARD_SCALE * reward))
 
 
 class Policy:
@@ -88,11 +89,11 @@ class Policy:
 def train(name: str, seconds: float, objectives: dict[str, Objective], seed: int = 0, **settings: object) -> tuple:
     """Train one of :data:`AGENTS` with so many seconds of one core; returns the agent and a record of the training."""
     torch.manual_seed(seed)
-    deadline = time.process_time() + seconds
-    env, eval_env = make_env(objectives, deadline), make_env(objectives, deadline)
+    env, eval_env = make_env(objectives), make_env(objectives)
     settings = SETTINGS[name] | settings
     agent = AGENTS[name](env, seed=seed, log=False, device="cpu", **settings)
     env.reset(seed=seed)
+    env.deadline = eval_env.deadline = time.process_time() + seconds
     try:
         agent.train(10**9, eval_env, ref_point=None, **ITERATION[name])
     except (TimeUp, KeyboardInterrupt):

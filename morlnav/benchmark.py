@@ -32,15 +32,8 @@ def run(effort: Effort, groups: list[str], runs: list[Path], devices: list[str],
         for device in devices:
             rows += _measure(name, replace(effort, device=device))
     rows += quality.measure(runs)
-    titles = {"quality" if module is quality else name: module.TITLE for name, module in _sections().items()}
-    notes = {name: module.NOTES for name, module in _sections().items()}
-    return table.write(rows, directory, titles, notes, _machine())
-
-
-def _sections() -> dict[str, object]:
-    return {"objectives" if name == "growth" else name: module for name, module in GROUPS.items()} | {
-        "quality": quality
-    }
+    headings = {name: (module.TITLE, module.NOTES) for name, module in {**GROUPS, "quality": quality}.items()}
+    return table.write(rows, directory, headings, _machine())
 
 
 def _measure(name: str, effort: Effort) -> list[Row]:

@@ -1,4 +1,4 @@
-"""Cost as the work grows: more objectives, obstacles and seeds. More environments are part of the simulation's group."""
+"""Cost as the work grows: more objectives, obstacles and seeds; more environments are in the simulation's group."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def measure(effort: Effort) -> list[Row]:
     rows = []
     for count in OBJECTIVES[:2] if effort.quick else OBJECTIVES:
         cfg = with_objectives(recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, "evaluation.during.steps=1"), count)
-        learner = Contender("morlnav", partial(optimisation, cfg, frames), cfg.trainer.optim_steps_per_batch)
-        rows += race("objectives", f"{count} objectives", "updates/s", [learner], effort, size=count)
+        learner = Contender("morlnav, plain", partial(optimisation, cfg, frames), cfg.trainer.optim_steps_per_batch)
+        rows += race("growth", f"{count} objectives", "updates/s", [learner], effort, size=count)
     for count in OBSTACLES[:2] if effort.quick else OBSTACLES:
         contenders = [
             Contender(
@@ -35,8 +35,8 @@ def measure(effort: Effort) -> list[Row]:
             )
             for name, world in engines(effort.device).items()
         ]
-        rows += race("obstacles", f"{count} boxes", "steps/s", contenders, effort, size=count)
-    return [*rows, Row("seeds", "1…16 seeds", "morlnav", "updates/s", note="not available: seeds train one by one")]
+        rows += race("growth", f"{count} boxes", "steps/s", contenders, effort, size=count)
+    return [*rows, Row("growth", "1…16 seeds", "morlnav", "updates/s", note="not available: seeds train one by one")]
 
 
 def _room_for(boxes: int) -> dict[str, object]:

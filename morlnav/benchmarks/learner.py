@@ -21,14 +21,14 @@ from morlnav.modules import Actor, VectorCritic
 from morlnav.trainers.builders import bounds_of, make_base_env, make_networks
 
 TITLE = "Learner: updates with batches of 256, networks of 4×256, 4 objectives, 34 observed numbers"
-NOTES = """Unit: updates, of both critics each time and of the actor every second time (CAPQL: every time, PD-MORL: every
-tenth). morlnav's rows are `Trainer.optim_steps` of the trainer that `morlnav-train` runs, with sampling, relabelling,
-clipping, both Adam steps, targets, the averaged actor and learning-rate schedules: *plain* without angle term and
-guidance, *default* with both, as recommended. *Minimal* is plain PyTorch on the same networks, twins one after the other,
-without averaging and schedules. TorchRL's stock TD3 sees one scalar reward, no preference, and the bare 34 numbers.
-CAPQL and GPI-LS are morl-baselines' own code on our Gymnasium environment's shapes; GPI-LS doubles every batch to 512
-rows. PD-MORL inserts one transition four times per update. The limit is the rate of the fastest matrix product
-found, divided by the fewest operations that an update needs."""
+NOTES = """Unit: updates, of both critics each time and of the actor every second time (CAPQL: every time, PD-MORL:
+every tenth). morlnav's rows are `Trainer.optim_steps` of the trainer that `morlnav-train` runs, with sampling,
+relabelling, clipping, both Adam steps, targets, the averaged actor and learning-rate schedules: *plain* without angle
+term and guidance, *default* with both, as recommended. *Minimal* is plain PyTorch on the same networks, twins one
+after the other, without averaging and schedules. TorchRL's stock TD3 sees one scalar reward, no preference, and the
+bare 34 numbers. CAPQL and GPI-LS are morl-baselines' own code on our Gymnasium environment's shapes; GPI-LS doubles
+every batch to 512 rows. PD-MORL inserts one transition four times per update. The limit is the rate of the fastest
+matrix product found, divided by the fewest operations that an update needs."""
 
 SHAPES = (
     "networks.actor.depth=4",
@@ -42,24 +42,21 @@ PLAIN = ("loss.angle=none", "loss.guidance=null")
 def measure(effort: Effort) -> list[Row]:
     """Race all learners."""
     frames = 1000 if effort.quick else 20_000
-    cfg = recipe(effort, *SHAPES)
+    cfg = recipe(effort, *SHAPES)  # with the angle term, and guidance by a clone
     plain = recipe(effort, *SHAPES, *PLAIN)
     updates = cfg.trainer.optim_steps_per_batch
     flops = limit_flops(plain)
     product, worth = matrix_product(effort, flops)
     env, rows = make_base_env(plain, num_envs=1), random_rows(frames, device=effort.device)
-    limits = _limits(env)
     layers = [cfg.networks.actor.num_cells] * cfg.networks.actor.depth
     contenders = [
         Contender("morlnav, plain", partial(optimisation, plain, frames), updates),
         Contender("morlnav, default", partial(optimisation, cfg, frames), updates),
-        Contender(
-            "minimal PyTorch TD3", lambda: MinimalTD3(*make_networks(plain, env), rows, *limits, 3).step, peer=True
-        ),
-        Contender("TorchRL TD3Loss, scalar", lambda: neighbours.torchrl_td3(rows, *limits, layers), peer=True),
+        Contender("minimal PyTorch TD3", lambda: _minimal(plain, env, rows).step, peer=True),
+        Contender("TorchRL TD3Loss, scalar", lambda: neighbours.torchrl_td3(rows, *_limits(env), layers), peer=True),
         Contender("PD-MORL", lambda: _pd_morl(plain, env, rows).step, peer=True),
-        Contender("morl-baselines CAPQL", lambda: neighbours.capql(four_objectives(), rows, layers), peer=True),
-        Contender("morl-baselines GPI-LS", lambda: neighbours.gpi_ls(four_objectives(), rows, layers), peer=True),
+        Contender("morl-baselines CAPQL", lambda: neighbours.capql(_four_objectives(), rows, layers), peer=True),
+        Contender("morl-baselines GPI-LS", lambda: neighbours.gpi_ls(_four_objectives(), rows, layers), peer=True),
         Contender("limit of the matrix products", lambda: product, worth, f"{flops / 1e9:.2f} GFLOP per update"),
     ]
     return race("learner", "4×256, 4 objectives", "updates/s", contenders, effort)
@@ -93,9 +90,14 @@ def random_rows(count: int, objectives: int = 4, device: str = "cpu") -> dict[st
     }
 
 
-def four_objectives() -> gymnasium.Env:
+def _four_objectives() -> gymnasium.Env:
     """Our Gymnasium environment with a fourth objective."""
     return gymnasium.make(ENV_ID, objectives={**default_objectives(), "fourth": Efficiency()})
+
+
+def _minimal(cfg: DictConfig, env: NavigationEnv, rows: dict[str, Tensor]) -> MinimalTD3:
+    delay = cfg.trainer.policy_update_delay
+    return MinimalTD3(*make_networks(cfg, env), rows, *_limits(env), len(env.objectives), delay=delay)
 
 
 def _pd_morl(cfg: DictConfig, env: NavigationEnv, rows: dict[str, Tensor]) -> PDMORL:

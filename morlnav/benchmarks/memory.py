@@ -11,9 +11,9 @@ from morlnav.benchmarks.recipes import filled_trainer, recipe
 from morlnav.benchmarks.timing import Effort, Row
 
 TITLE = "Memory: bytes per transition in the replay buffer"
-NOTES = """4 objectives, 3 of them tuneable, 34 observed numbers. morlnav: the storage of the trainer that `morlnav-train`
-runs, over its capacity. The fewest: every number of a transition once in 4 bytes, and one byte for its end. CAPQL keeps
-arrays in a tuple; PD-MORL (estimated alike) keeps each transition four times."""
+NOTES = """4 objectives, 3 of them tuneable, 34 observed numbers. morlnav: the storage of the trainer that
+`morlnav-train` runs, over its capacity. The fewest: every number of a transition once in 4 bytes, and one byte for
+its end. CAPQL keeps arrays in a tuple; PD-MORL (estimated alike) keeps each transition four times."""
 
 
 def measure(effort: Effort) -> list[Row]:

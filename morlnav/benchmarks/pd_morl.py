@@ -46,18 +46,19 @@ class PDMORL:
         self.low, self.high, self.batch_size, self.count = low, high, batch_size, 0
         self.actor_optimizer = torch.optim.Adam(actor.parameters(), lr=3e-4)
         self.critic_optimizer = torch.optim.Adam(self.critics.parameters(), lr=3e-4)
+        self.random = np.random.default_rng(0)
         self.num_objectives = rows["reward"].shape[-1]
         self.transitions = list(zip(*(column.cpu().numpy() for column in rows.values()), strict=True))
         self.replay: list[tuple[np.ndarray, ...]] = []
         for transition in self.transitions:
             self._insert(transition)
         self.keys = np.eye(self.num_objectives)
-        self.key_values = np.abs(np.random.default_rng(0).normal(size=self.keys.shape))
+        self.key_values = np.abs(self.random.normal(size=self.keys.shape))
         self._refit()
 
     def _insert(self, transition: tuple[np.ndarray, ...]) -> None:
         for _ in range(1 + self.copies):
-            preference = np.abs(np.random.randn(self.num_objectives).astype(np.float32))
+            preference = np.abs(self.random.normal(size=self.num_objectives).astype(np.float32))
             self.replay.append((*transition, preference / preference.sum()))
 
     def _refit(self) -> None:

@@ -17,11 +17,11 @@ from morlnav.policy import load_config
 from morlnav.trainers.builders import build, make_base_env
 
 TITLE = "From an empty directory to the quality bar"
-NOTES = """Seconds from the start of `morlnav-train` until an evaluation on the way met every demand, and until the first
-from which on all did: success of at least 99 %, at most 0.5 % collisions and 0.5 % timeouts over all preferences; at
-λ = distance a least distance to the human of at least 1.18 m; at λ = efficiency a time within 4 % of the shortest path's;
-at λ = demo a Fréchet distance of at most 0.41 m with the human on the right in at least 95 %. Demands on a style count
-where the run has that objective."""
+NOTES = """Seconds from the start of `morlnav-train` until an evaluation on the way met every demand, and until the
+first from which on all did: success of at least 99 %, at most 0.5 % collisions and 0.5 % timeouts over all
+preferences; at λ = distance a least distance to the human of at least 1.18 m; at λ = efficiency a time within 4 % of
+the shortest path's; at λ = demo a Fréchet distance of at most 0.41 m with the human on the right in at least 95 %.
+Demands on a style count where the run has that objective."""
 
 
 def measure(runs: Sequence[Path]) -> list[Row]:

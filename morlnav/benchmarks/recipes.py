@@ -32,10 +32,17 @@ HARDLY_TRAINED = (
 )
 """Clone and reward model have their full size but know nothing, which costs a step as much."""
 
-QUIET = (
+UNDISTURBED = (
     "trainer.progress_bar=false",
     "trainer.checkpoint.interval=1000000000",
     "evaluation.during.interval=1000000000",
+)
+QUICK = (
+    ANALYTICAL,
+    "networks.actor.num_cells=32",
+    "networks.critic.num_cells=32",
+    "env.num_envs=16",
+    "trainer.frames_per_batch=16",
 )
 
 
@@ -47,9 +54,9 @@ def _scratch() -> tempfile.TemporaryDirectory:
 def recipe(effort: Effort, *overrides: str) -> DictConfig:
     """The config of ``morlnav-train OVERRIDES`` without evaluations and checkpoints, with its reward model at hand."""
     device = torch.device(effort.device)
-    fixed = (*QUIET, f"device={device}", f"cache={_scratch().name}/cache", f"threads={torch.get_num_threads()}")
+    fixed = (*UNDISTURBED, f"device={device}", f"cache={_scratch().name}/cache", f"threads={torch.get_num_threads()}")
     with initialize_config_dir(conf_dir(), version_base="1.3"):
-        cfg = compose("train", [*fixed, *HARDLY_TRAINED, *overrides])
+        cfg = compose("train", [*fixed, *HARDLY_TRAINED, *overrides, *(QUICK if effort.quick else ())])
     if "demo" in cfg.objectives:
         train_reward(cfg, train_clone(cfg, make_demonstrations(cfg)))
         cfg.objectives.demo.reward.path = str(stage_directory(cfg, *STAGES) / "reward.pt")

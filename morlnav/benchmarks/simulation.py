@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import math
 import warnings
-from collections.abc import Callable
-from contextlib import redirect_stdout
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from functools import partial
 
 import numpy as np
@@ -19,12 +19,13 @@ from morlnav.world import PymunkWorld, SceneSampler, TensorWorld, World
 from morlnav.world.pymunk import ROBOT_FILTER
 
 TITLE = "Simulation: one robot's step with a scan of 720 rays over 4 m"
-NOTES = """Unit: steps of single robots, each with one scan of 720 rays. `NavigationEnv` computes motion, contact checked
-four times per step, the scan of a human and three rotated boxes, rewards and the observation, and begins finished
-episodes anew; robots steer toward their goals. *Engine alone* is motion, contact and observation. VMAS `navigation`
-scans discs, one or four other agents (a step of `n` agents counts as `n`), and computes motion with collisions, rewards
-and observations, without new episodes. JaxNav (JaxMARL) walks every ray through an occupancy grid in steps of 5 cm, with
-one agent. The plain pymunk loop does nothing but 720 segment queries among a human and three boxes."""
+NOTES = """Unit: steps of single robots, each with one scan of 720 rays. `NavigationEnv` computes motion, contact
+checked four times per step, the scan of a human and three rotated boxes, rewards and the observation, and begins
+finished episodes anew; robots steer toward their goals. *Engine alone* is motion, contact and observation. VMAS
+`navigation` scans discs, one or four other agents (a step of `n` agents counts as `n`), and computes motion with
+collisions, rewards and observations, without new episodes. JaxNav (JaxMARL) walks every ray through an occupancy grid
+in steps of 5 cm, with one agent. The plain pymunk loop does nothing but 720 segment queries among a human and three
+boxes."""
 
 RAYS, REACH = 720, 4.0
 LARGEST = {"pymunk": 64, "jaxnav": 1024, "vmas with four": 1024}
@@ -125,7 +126,8 @@ def _ray_loop(batch: int) -> Callable[[], object]:
 
 
 def _vmas(batch: int, agents: int, device: str) -> Callable[[], object]:
-    import vmas
+    with _hushed():
+        import vmas
 
     env = vmas.make_env(
         "navigation", num_envs=batch, n_agents=agents, lidar_range=REACH, n_lidar_rays=RAYS, device=device, seed=0
@@ -141,15 +143,15 @@ def _vmas(batch: int, agents: int, device: str) -> Callable[[], object]:
 
 
 def _jaxnav(batch: int) -> Callable[[], object]:
-    with warnings.catch_warnings(action="ignore"), redirect_stdout(io.StringIO()):  # it greets and warns on import
+    with _hushed():
         import jax
         import jaxmarl
 
         env = jaxmarl.make("jaxnav", num_agents=1, lidar_num_beams=RAYS, lidar_max_range=REACH)
-    keys = jax.random.split(jax.random.PRNGKey(0), batch)
-    _, state = jax.jit(jax.vmap(env.reset))(keys)
-    actions = {"agent_0": jax.numpy.full((batch, 2), 0.1)}
-    advance = jax.jit(jax.vmap(env.step_env))
+        keys = jax.random.split(jax.random.PRNGKey(0), batch)
+        _, state = jax.jit(jax.vmap(env.reset))(keys)
+        actions = {"agent_0": jax.numpy.full((batch, 2), 0.1)}
+        advance = jax.jit(jax.vmap(env.step_env))
 
     def step() -> None:
         nonlocal state
@@ -157,3 +159,10 @@ def _jaxnav(batch: int) -> Callable[[], object]:
         jax.block_until_ready(rest)
 
     return step
+
+
+@contextmanager
+def _hushed() -> Iterator[None]:
+    """Swallow what the peers say while they are imported and built."""
+    with warnings.catch_warnings(action="ignore"), redirect_stdout(io.StringIO()):
+        yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 
 from morlnav.benchmarks.timing import Row
 
+HEADING = "| case | contender | median | quartiles | unit | ratio | note |"
 TABLE_RULE = "| :-- | :-- | --: | --: | :-- | --: | :-- |"
 
 
@@ -53,13 +55,12 @@ def tabulate(rows: Iterable[Row]) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
-def markdown(table: pd.DataFrame, titles: Mapping[str, str], notes: Mapping[str, str], machine: str) -> str:
-    """The table for people: a section per title, with its notes.
+def markdown(table: pd.DataFrame, headings: Mapping[str, tuple[str, str]], machine: str) -> str:
+    """The table for people, a section per group.
 
     Args:
         table: from :func:`tabulate`.
-        titles: heading of every group that begins a section.
-        notes: what a reader must know, by the same groups.
+        headings: title of every group, and what a reader must know.
         machine: what it was measured on.
     """
     lines = [
@@ -69,9 +70,8 @@ def markdown(table: pd.DataFrame, titles: Mapping[str, str], notes: Mapping[str,
         "many times better the first row of the case is (the median of the ratios within the rounds).",
     ]
     for group, part in table.groupby("group", sort=False):
-        if group in titles:
-            lines += ["", f"## {titles[group]}", "", notes[group].replace("\n", " ")]
-        lines += ["", "| case | contender | median | quartiles | unit | ratio | note |", TABLE_RULE]
+        title, notes = headings[group]
+        lines += ["", f"## {title}", "", notes.replace("\n", " "), "", HEADING, TABLE_RULE]
         for _, row in part.iterrows():
             measured = row["rounds"] > 0
             quartiles = f"{number(row['q1'])} … {number(row['q3'])}" if row["rounds"] > 1 else "–"
@@ -98,18 +98,18 @@ def number(value: float) -> str:
 
 
 def plot(table: pd.DataFrame) -> Figure:
-    """A panel per group: lines over the size where there are several, else bars; both with quartiles."""
-    table = table[table["rounds"] > 0]
-    parts = list(table.groupby(["group", "unit"], sort=False))
-    figure = Figure(figsize=(13, 3.6 * -(-len(parts) // 2)), layout="constrained")
-    panels = figure.subplots(-(-len(parts) // 2), 2, squeeze=False).flatten()
+    """A panel per group and unit: lines over the size where there are several, else bars; both with quartiles."""
+    parts = list(table[table["rounds"] > 0].groupby(["group", "unit"], sort=False))
+    rows = max(1, math.ceil(len(parts) / 2))
+    figure = Figure(figsize=(13, 3.6 * rows), layout="constrained")
+    panels = figure.subplots(rows, 2, squeeze=False).flatten()
     for axes, ((group, unit), part) in zip(panels, parts, strict=False):
-        (_lines if part["size"].nunique() > 1 else _bars)(axes, part)
-        axes.set_title(group, loc="left", fontsize=10)
+        draw = _lines if part["size"].nunique() > 1 else _bars
+        draw(axes, part)
+        axes.set_title(f"{group}: {unit}", loc="left", fontsize=10)
         axes.grid(color="#e9eaec", lw=0.7)
         axes.set_axisbelow(True)
         axes.tick_params(labelsize=8)
-        (axes.set_ylabel if part["size"].nunique() > 1 else axes.set_xlabel)(unit, fontsize=9)
     for axes in panels[len(parts) :]:
         axes.remove()
     return figure
@@ -117,31 +117,31 @@ def plot(table: pd.DataFrame) -> Figure:
 
 def _lines(axes: Axes, part: pd.DataFrame) -> None:
     for name, line in part.groupby("name", sort=False):
-        spread = [line["median"] - line["q1"], line["q3"] - line["median"]]
-        axes.errorbar(line["size"], line["median"], spread, marker="o", ms=4, lw=1.4, label=name)
-    axes.set(xscale="log", yscale="log", xlabel="size")
-    axes.set_xticks(sorted(part["size"].unique()), [f"{size:g}" for size in sorted(part["size"].unique())])
+        axes.errorbar(line["size"], line["median"], _spread(line), marker="o", ms=4, lw=1.4, label=name)
+    sizes = sorted(part["size"].unique())
+    axes.set(xscale="log", yscale="log", xlabel=part["case"].iloc[0].strip("0123456789 "))
+    axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
     axes.minorticks_off()
     axes.legend(fontsize=7, frameon=False)
 
 
 def _bars(axes: Axes, part: pd.DataFrame) -> None:
-    cases = part["case"].nunique() > 1
-    labels = [f"{row['name']} ({row['case']})" if cases else row["name"] for _, row in part.iterrows()]
-    spread = [part["median"] - part["q1"], part["q3"] - part["median"]]
-    axes.barh(labels, part["median"], xerr=spread, color="#2b62d9", height=0.6)
+    several = part["case"].nunique() > 1
+    labels = [f"{row['name']}, {row['case']}" if several else row["name"] for _, row in part.iterrows()]
+    axes.barh(labels, part["median"], xerr=_spread(part), color="#2b62d9", height=0.6)
     axes.invert_yaxis()
 
 
-def write(
-    rows: Iterable[Row], directory: Path, titles: Mapping[str, str], notes: Mapping[str, str], machine: str
-) -> str:
+def _spread(part: pd.DataFrame) -> list[pd.Series]:
+    return [part["median"] - part["q1"], part["q3"] - part["median"]]
+
+
+def write(rows: Iterable[Row], directory: Path, headings: Mapping[str, tuple[str, str]], machine: str) -> str:
     """Write ``benchmarks.csv``, ``benchmarks.md`` and ``benchmarks.png``; returns the Markdown."""
     table = tabulate(rows)
     directory.mkdir(parents=True, exist_ok=True)
     table.to_csv(directory / "benchmarks.csv", index=False)
-    text = markdown(table, titles, notes, machine)
+    text = markdown(table, headings, machine)
     (directory / "benchmarks.md").write_text(text, encoding="utf-8")
-    if (table["rounds"] > 0).any():
-        plot(table).savefig(directory / "benchmarks.png", dpi=130)
+    plot(table).savefig(directory / "benchmarks.png", dpi=130)
     return text

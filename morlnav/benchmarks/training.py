@@ -15,10 +15,10 @@ from morlnav.benchmarks.timing import Contender, Effort, Row, race
 from morlnav.envs import ENV_ID
 
 TITLE = "Whole training: driving and learning in turns"
-NOTES = """Every row collects environment steps and makes the updates that belong to them: morlnav's recipes in the loop of
-`morlnav-train`, without the evaluations on the way (every 40,000 steps) and checkpoints; CAPQL in its own `train`, with
-its default networks (2×256) and batches (128), on our Gymnasium environment. Rates of environment steps are not rates of
-learning: the recipes differ in the number of updates per step, which is given."""
+NOTES = """Every row collects environment steps and makes the updates that belong to them: morlnav's recipes in the
+loop of `morlnav-train`, without the evaluations on the way (every 40,000 steps) and checkpoints; CAPQL in its own
+`train`, with its default networks (2×256) and batches (128), on our Gymnasium environment. Rates of environment steps
+are not rates of learning: the recipes differ in the number of updates per step, which is given."""
 
 RECIPES = {"morlnav, default recipe": (), "the paper's literal recipe": ("recipe=paper",)}
 

@@ -11,7 +11,6 @@ core, so that a busy machine takes nothing from them; on a free one it is the ti
 
 import argparse
 import json
-import math
 import os
 import time
 from pathlib import Path
@@ -36,11 +35,17 @@ AGENTS = {"capql": CAPQL, "gpi_ls": GPILSContinuousAction}
 SETTINGS = {"capql": {}, "gpi_ls": {"gradient_updates": 1}}
 """Settings that differ from the agents' defaults: GPI-LS's usual twenty updates per step leave time for few steps."""
 
-ITERATION = {
-    "capql": {},
-    "gpi_ls": {"timesteps_per_iter": 2500, "num_eval_episodes_for_front": 2, "checkpoints": False},
+TRAINING = {
+    "capql": {"num_eval_weights_for_front": 3},
+    "gpi_ls": {
+        "num_eval_weights_for_front": 3,
+        "timesteps_per_iter": 2500,
+        "num_eval_episodes_for_front": 2,
+        "checkpoints": False,
+    },
 }
-"""GPI-LS chooses new weights after every iteration; its usual 10,000 steps would leave time for two of them."""
+"""Arguments of their ``train``. GPI-LS chooses new weights after every iteration; its usual 10,000 steps would leave
+time for two of them. The front's weights are for logs that are not written."""
 
 REWARD_SCALE = 0.01
 
@@ -49,27 +54,39 @@ class TimeUp(Exception):
     """Raised by the environment when the time is over; the agents know limits of steps only."""
 
 
-class Deadline(gymnasium.Wrapper):
-    """Lets an agent drive until the process has had ``deadline`` seconds of the processor, and counts its steps."""
+class Clock:
+    """Seconds of the processor that this process may have from its first step on."""
 
-    def __init__(self, env: gymnasium.Env) -> None:
+    def __init__(self, seconds: float) -> None:
+        self.seconds, self.start = seconds, None
+
+    def check(self) -> None:
+        """Start the clock, or raise :class:`TimeUp`."""
+        self.start = self.start if self.start is not None else time.process_time()
+        if time.process_time() - self.start > self.seconds:
+            raise TimeUp
+
+
+class Timed(gymnasium.Wrapper):
+    """Lets an agent drive until the clock says that its time is up, and counts its steps."""
+
+    def __init__(self, env: gymnasium.Env, clock: Clock) -> None:
         super().__init__(env)
-        self.deadline, self.steps = math.inf, 0
+        self.clock, self.steps = clock, 0
 
     def step(self, action: np.ndarray) -> tuple:
         """One step, or :class:`TimeUp`."""
-        if time.process_time() > self.deadline:
-            raise TimeUp
+        self.clock.check()
         self.steps += 1
         return self.env.step(action)
 
 
-def make_env(objectives: dict[str, Objective]) -> Deadline:
+def make_env(objectives: dict[str, Objective], clock: Clock) -> Timed:
     """Our environment with features for observations and rewards in the learner's unit."""
     env, features = gymnasium.make(ENV_ID, objectives=objectives), NavigationFeatures()
     space = gymnasium.spaces.Box(-np.inf, np.inf, (features.out_features,), np.float32)
     env = TransformObservation(env, lambda seen: features(torch.from_numpy(seen)).numpy(), space)
-    return Deadline(TransformReward(env, lambda reward: REWARD_SCALE * reward))
+    return Timed(TransformReward(env, lambda reward: REWARD_SCALE * reward), clock)
 
 
 class Policy:
@@ -89,13 +106,13 @@ class Policy:
 def train(name: str, seconds: float, objectives: dict[str, Objective], seed: int = 0, **settings: object) -> tuple:
     """Train one of :data:`AGENTS` with so many seconds of one core; returns the agent and a record of the training."""
     torch.manual_seed(seed)
-    env, eval_env = make_env(objectives), make_env(objectives)
+    clock = Clock(seconds)
+    env, eval_env = make_env(objectives, clock), make_env(objectives, clock)
     settings = SETTINGS[name] | settings
     agent = AGENTS[name](env, seed=seed, log=False, device="cpu", **settings)
     env.reset(seed=seed)
-    env.deadline = eval_env.deadline = time.process_time() + seconds
     try:
-        agent.train(10**9, eval_env, ref_point=None, **ITERATION[name])
+        agent.train(10**9, eval_env, ref_point=None, **TRAINING[name])
     except (TimeUp, KeyboardInterrupt):
         agent.use_gpi = False  # as GPI-LS acts with continuous actions, also if time was up while it chose weights
     steps = {"environment_steps": env.steps, "evaluation_steps": eval_env.steps}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any
 
 import gymnasium
 import torch
@@ -70,18 +69,38 @@ def torchrl_td3(
     return step
 
 
-def capql_agent(env: gymnasium.Env, **settings: Any) -> Any:
-    """An agent of morl-baselines' CAPQL that logs nothing; its own defaults but for ``settings``."""
-    from morl_baselines.multi_policy.capql.capql import CAPQL
+def capql_training(env: gymnasium.Env, device: str = "cpu", warm_up: int = 200) -> Callable[[], object]:
+    """A step of CAPQL's ``train`` with its default settings: weights, action, environment, replay, update."""
+    from morl_baselines.multi_policy.capql.capql import CAPQL, WeightSamplerAngle
 
-    return CAPQL(env, log=False, seed=0, **settings)
+    agent = CAPQL(env, log=False, seed=0, device=device)
+    sampler = WeightSamplerAngle(agent.reward_dim, torch.pi / 8)
+    observation, _ = env.reset(seed=0)
+
+    def step(learn: bool = True) -> None:
+        nonlocal observation
+        weight = sampler.sample(1).view(-1).to(device)
+        with torch.no_grad():
+            seen = torch.tensor(observation).float().to(device)
+            action = agent.policy.get_action(seen, weight).cpu().numpy()
+        following, reward, terminated, truncated, _ = env.step(action)
+        agent.replay_buffer.push(observation, action, weight.cpu().numpy(), reward, following, terminated)
+        if learn:
+            agent.update()
+        observation = env.reset()[0] if terminated or truncated else following
+
+    for _ in range(warm_up):
+        step(learn=False)
+    return step
 
 
 def capql(
     env: gymnasium.Env, rows: dict[str, Tensor], layers: list[int], batch_size: int = 256
 ) -> Callable[[], object]:
     """The update of CAPQL; the actor is updated at every step."""
-    agent = capql_agent(env, net_arch=layers, batch_size=batch_size, device=rows["reward"].device)
+    from morl_baselines.multi_policy.capql.capql import CAPQL
+
+    agent = CAPQL(env, net_arch=layers, batch_size=batch_size, log=False, seed=0, device=rows["reward"].device)
     weight = torch.full((agent.reward_dim,), 1 / agent.reward_dim).numpy()
     for observation, action, reward, following, terminated in _arrays(rows):
         agent.replay_buffer.push(observation, action, weight, reward, following, terminated.item())

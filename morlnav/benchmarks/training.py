@@ -37,10 +37,10 @@ def measure(effort: Effort) -> list[Row]:
         )
         for name, cfg in configs.items()
     ]
-    name, steps = "morl-baselines CAPQL", 10
+    name, note = "morl-baselines CAPQL", "1 environment, 1 update per step"
     ratios[name] = 1.0
-    note = "1 environment, 1 update per step"
-    contenders.append(Contender(name, partial(_capql, effort, steps), steps, note, peer=True))
+    learner = partial(neighbours.capql_training, gymnasium.make(ENV_ID), effort.device)
+    contenders.append(Contender(name, learner, note=note, peer=True))
     rows = race("training", "environment steps", "steps/s", contenders, effort)
     return rows + [
         replace(row, case="updates", unit="updates/s", values=[ratios[row.name] * rate for rate in row.values])
@@ -61,9 +61,3 @@ def training(cfg: DictConfig, frames: int) -> Callable[[], object]:
         trainer._post_steps_log_hook(batch)
 
     return step
-
-
-def _capql(effort: Effort, steps: int) -> Callable[[], object]:
-    agent = neighbours.capql_agent(gymnasium.make(ENV_ID), learning_starts=200, device=effort.device)
-    agent.train(200, None, None)
-    return lambda: agent.train(steps, None, None)

@@ -6,7 +6,7 @@ from functools import partial
 
 from omegaconf import DictConfig, open_dict
 
-from morlnav.benchmarks.learner import PLAIN, SHAPES, optimisation
+from morlnav.benchmarks.learner import EXACT, PLAIN, SHAPES, optimisation
 from morlnav.benchmarks.recipes import ANALYTICAL, recipe
 from morlnav.benchmarks.simulation import drive, engines
 from morlnav.benchmarks.timing import Contender, Effort, Row, race
@@ -23,7 +23,7 @@ def measure(effort: Effort) -> list[Row]:
     frames = 1000 if effort.quick else 20_000
     rows = []
     for count in OBJECTIVES[:2] if effort.quick else OBJECTIVES:
-        cfg = with_objectives(recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, "evaluation.during.steps=1"), count)
+        cfg = with_objectives(recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, EXACT, "evaluation.during.steps=1"), count)
         learner = Contender("morlnav, plain", partial(optimisation, cfg, frames), cfg.trainer.optim_steps_per_batch)
         rows += race("growth", f"{count} objectives", "updates/s", [learner], effort, size=count)
     for count in OBSTACLES[:2] if effort.quick else OBSTACLES:

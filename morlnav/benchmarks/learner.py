@@ -18,17 +18,19 @@ from morlnav.benchmarks.recipes import filled_trainer, recipe
 from morlnav.benchmarks.timing import Contender, Effort, Row, race
 from morlnav.envs import ENV_ID, Efficiency, NavigationEnv, default_objectives
 from morlnav.modules import Actor, VectorCritic
-from morlnav.trainers.builders import bounds_of, make_base_env, make_networks
+from morlnav.trainers.builders import bounds_of, make_base_env, make_networks, product_dtype
 
 TITLE = "Learner: updates with batches of 256, networks of 4×256, 4 objectives, 34 observed numbers"
 NOTES = """Unit: updates, of both critics each time and of the actor every second time (CAPQL: every time, PD-MORL:
 every tenth). morlnav's rows are `Trainer.optim_steps` of the trainer that `morlnav-train` runs, with sampling,
 relabelling, clipping, both Adam steps, targets, the averaged actor and learning-rate schedules: *plain* without angle
-term and guidance, *default* with both, as recommended. *Minimal* is plain PyTorch on the same networks, twins one
-after the other, without averaging and schedules. TorchRL's stock TD3 sees one scalar reward, no preference, and the
-bare 34 numbers. CAPQL and GPI-LS are morl-baselines' own code on our Gymnasium environment's shapes; GPI-LS doubles
-every batch to 512 rows. PD-MORL inserts one transition four times per update. The limit is the rate of the fastest
-matrix product found, divided by the fewest operations that an update needs."""
+term and guidance and with exact products, as all peers have them; *plain, as shipped* with the products that
+`trainer.products=auto` chooses; *default* also with angle term and guidance, as recommended. *Minimal* is plain
+PyTorch on the same networks, twins one after the other, without averaging and schedules. TorchRL's stock TD3 sees one
+scalar reward, no preference, and the bare 34 numbers. CAPQL and GPI-LS are morl-baselines' own code on our Gymnasium
+environment's shapes; GPI-LS doubles every batch to 512 rows. PD-MORL inserts one transition four times per update.
+The limit is the rate of the fastest float32 matrix product found, divided by the fewest operations that an update
+needs."""
 
 SHAPES = (
     "networks.actor.depth=4",
@@ -37,21 +39,25 @@ SHAPES = (
     "trainer.policy_update_delay=2",
 )
 PLAIN = ("loss.angle=none", "loss.guidance=null")
+EXACT = "trainer.products=float32"
 
 
 def measure(effort: Effort) -> list[Row]:
     """Race all learners."""
     frames = 1000 if effort.quick else 20_000
     cfg = recipe(effort, *SHAPES)  # with the angle term, and guidance by a clone
-    plain = recipe(effort, *SHAPES, *PLAIN)
+    shipped = recipe(effort, *SHAPES, *PLAIN)
+    plain = recipe(effort, *SHAPES, *PLAIN, EXACT)
     updates = cfg.trainer.optim_steps_per_batch
     flops = limit_flops(plain)
     product, worth = matrix_product(effort, flops)
     env, rows = make_base_env(plain, num_envs=1), random_rows(frames, device=effort.device)
     layers = [cfg.networks.actor.num_cells] * cfg.networks.actor.depth
+    products = f"hidden layers multiply in {str(product_dtype(cfg.trainer.products, env.device)).split('.')[1]}"
     contenders = [
         Contender("morlnav, plain", partial(optimisation, plain, frames), updates),
-        Contender("morlnav, default", partial(optimisation, cfg, frames), updates),
+        Contender("morlnav, plain, as shipped", partial(optimisation, shipped, frames), updates, note=products),
+        Contender("morlnav, default", partial(optimisation, cfg, frames), updates, note=products),
         Contender("minimal PyTorch TD3", lambda: _minimal(plain, env, rows).step, peer=True),
         Contender("TorchRL TD3Loss, scalar", lambda: neighbours.torchrl_td3(rows, *_limits(env), layers), peer=True),
         Contender("PD-MORL", lambda: _pd_morl(plain, env, rows).step, peer=True),

@@ -21,11 +21,13 @@ from morlnav.world.pymunk import ROBOT_FILTER
 TITLE = "Simulation: one robot's step with a scan of 720 rays over 4 m"
 NOTES = """Unit: steps of single robots, each with one scan of 720 rays. `NavigationEnv` computes motion, contact
 checked four times per step, the scan of a human and three rotated boxes, rewards and the observation, and begins
-finished episodes anew; robots steer toward their goals. *Engine alone* is motion, contact and observation. VMAS
-`navigation` scans discs, one or four other agents (a step of `n` agents counts as `n`), and computes motion with
-collisions, rewards and observations, without new episodes. JaxNav (JaxMARL) walks every ray through an occupancy grid
-in steps of 5 cm, with one agent. The plain pymunk loop does nothing but 720 segment queries among a human and three
-boxes."""
+finished episodes anew; robots steer toward their goals. *Engine alone* is motion, contact and observation. Its scan
+gives the least reading of each of 30 sectors, the same numbers as casting all 720 rays; rays that cannot be the
+nearest of their sector need not be cast for that, and *every ray cast* casts them nevertheless. VMAS `navigation`
+gives all 720 readings of discs, one or four other agents (a step of `n` agents counts as `n`), and computes motion
+with collisions, rewards and observations, without new episodes. JaxNav (JaxMARL) walks all 720 rays through an
+occupancy grid in steps of 5 cm, with one agent. The plain pymunk loop does nothing but 720 segment queries among a
+human and three boxes."""
 
 RAYS, REACH = 720, 4.0
 LARGEST = {"pymunk": 64, "jaxnav": 1024, "vmas with four": 1024}
@@ -40,7 +42,10 @@ def measure(effort: Effort) -> list[Row]:
             Contender(f"NavigationEnv, {name} engine", partial(drive, world, batch), batch)
             for name, world in engines(effort.device).items()
         ]
-        contenders.append(Contender("tensor engine alone", partial(_engine_alone, batch, effort.device), batch))
+        for name, engine in (("", TensorWorld), (", every ray cast", EveryRay)):
+            contenders.append(
+                Contender(f"tensor engine alone{name}", partial(_engine_alone, engine, batch, effort.device), batch)
+            )
         contenders += _peers(batch, effort.device)
         rows += race("simulation", f"batch {batch}", "steps/s", contenders, effort, size=batch)
     return rows
@@ -91,8 +96,16 @@ def _toward_goal(observation: Tensor) -> Tensor:
     return torch.stack([torch.full_like(observation[:, 1], 0.5), observation[:, 1].clamp(-1, 1)], -1)
 
 
-def _engine_alone(batch: int, device: str) -> Callable[[], object]:
-    world = TensorWorld(device=device)
+class EveryRay(TensorWorld):
+    """The batched engine without its shortcut in the scan."""
+
+    def scan(self) -> Tensor:
+        """All 720 readings, then the least of every sector."""
+        return self.lidar.pool(self.lidar.cast(self.pose, self.scene.human, self.scene.boxes, self.human_radius))
+
+
+def _engine_alone(engine: type[TensorWorld], batch: int, device: str) -> Callable[[], object]:
+    world = engine(device=device)
     scenes = SceneSampler()(batch, device=world.device, generator=torch.Generator().manual_seed(0))
     world.reset(scenes)
     share = torch.rand(batch, 1, generator=torch.Generator().manual_seed(0)).to(world.device)

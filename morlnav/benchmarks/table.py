@@ -64,8 +64,6 @@ def markdown(table: pd.DataFrame, headings: Mapping[str, tuple[str, str]], machi
         machine: what it was measured on.
     """
     lines = [
-        "# Benchmarks",
-        "",
         f"{machine} Medians and quartiles over rounds in which all contenders of a case took turns; the ratio says how "
         "many times better the first row of the case is (the median of the ratios within the rounds).",
     ]

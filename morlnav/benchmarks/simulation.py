@@ -42,10 +42,8 @@ def measure(effort: Effort) -> list[Row]:
             Contender(f"NavigationEnv, {name} engine", partial(drive, world, batch), batch)
             for name, world in engines(effort.device).items()
         ]
-        for name, engine in (("", TensorWorld), (", every ray cast", EveryRay)):
-            contenders.append(
-                Contender(f"tensor engine alone{name}", partial(_engine_alone, engine, batch, effort.device), batch)
-            )
+        for engine, name in ((TensorWorld, "tensor engine alone"), (EveryRay, "tensor engine alone, every ray cast")):
+            contenders.append(Contender(name, partial(_engine_alone, engine, batch, effort.device), batch))
         contenders += _peers(batch, effort.device)
         rows += race("simulation", f"batch {batch}", "steps/s", contenders, effort, size=batch)
     return rows

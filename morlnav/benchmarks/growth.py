@@ -20,7 +20,7 @@ OBJECTIVES, OBSTACLES, ENVIRONMENTS = (2, 4, 8, 16), (3, 10, 30, 100), 64
 
 def measure(effort: Effort) -> list[Row]:
     """Measure every size after the other."""
-    frames = 1000 if effort.quick else 20_000
+    frames = 1000 if effort.quick else 10_000
     rows = []
     for count in OBJECTIVES[:2] if effort.quick else OBJECTIVES:
         cfg = with_objectives(recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, EXACT, "evaluation.during.steps=1"), count)

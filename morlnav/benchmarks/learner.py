@@ -44,7 +44,7 @@ EXACT = "trainer.products=float32"
 
 def measure(effort: Effort) -> list[Row]:
     """Race all learners."""
-    frames = 1000 if effort.quick else 20_000
+    frames = 1000 if effort.quick else 10_000
     cfg = recipe(effort, *SHAPES)  # with the angle term, and guidance by a clone
     shipped = recipe(effort, *SHAPES, *PLAIN)
     plain = recipe(effort, *SHAPES, *PLAIN, EXACT)

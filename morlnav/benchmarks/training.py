@@ -1,4 +1,4 @@
-"""Whole trainings: environment steps and updates per second, and the time until a run meets the quality bar."""
+"""Whole trainings: environment steps and updates per second, as they take turns."""
 
 from __future__ import annotations
 
@@ -16,22 +16,21 @@ from morlnav.envs import ENV_ID
 
 TITLE = "Whole training: driving and learning in turns"
 NOTES = """Every row collects environment steps and makes the updates that belong to them: morlnav's recipes in the
-loop of `morlnav-train`, without the evaluations on the way (every 40,000 steps) and checkpoints; CAPQL in its own
-`train`, with its default networks (2×256) and batches (128), on our Gymnasium environment. Rates of environment steps
-are not rates of learning: the recipes differ in the number of updates per step, which is given."""
+loop of `morlnav-train`, without the evaluations on the way (every 40,000 steps) and checkpoints; CAPQL as in
+its own `train`, with its default networks (2×256) and batches (128), on our Gymnasium environment. Rates of environment
+steps are not rates of learning: the recipes differ in the number of updates per step, which is given."""
 
 RECIPES = {"morlnav, default recipe": (), "the paper's literal recipe": ("recipe=paper",)}
 
 
 def measure(effort: Effort) -> list[Row]:
     """Race the recipes, and CAPQL."""
-    frames = 1000 if effort.quick else 10_000
     configs = {name: recipe(effort, *overrides) for name, overrides in RECIPES.items()}
     ratios = {name: cfg.trainer.optim_steps_per_batch / cfg.trainer.frames_per_batch for name, cfg in configs.items()}
     contenders = [
         Contender(
             name,
-            partial(training, cfg, frames),
+            partial(training, cfg),
             cfg.trainer.frames_per_batch,
             f"{cfg.env.num_envs} environments, {ratios[name]:g} updates per step",
         )
@@ -48,9 +47,9 @@ def measure(effort: Effort) -> list[Row]:
     ]
 
 
-def training(cfg: DictConfig, frames: int) -> Callable[[], object]:
+def training(cfg: DictConfig) -> Callable[[], object]:
     """One pass of the trainer's loop: a batch of environment steps, and the updates that follow it."""
-    trainer, batches = filled_trainer(cfg, frames)
+    trainer, batches = filled_trainer(cfg, frames=1000)
 
     def step() -> None:
         batch = trainer._process_batch_hook(next(batches))

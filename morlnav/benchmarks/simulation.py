@@ -163,6 +163,7 @@ def _jaxnav(batch: int) -> Callable[[], object]:
         _, state = jax.jit(jax.vmap(env.reset))(keys)
         actions = {"agent_0": jax.numpy.full((batch, 2), 0.1)}
         advance = jax.jit(jax.vmap(env.step_env))
+        advance(keys, state, actions)  # compiles, with warnings
 
     def step() -> None:
         nonlocal state

@@ -1,0 +1,62 @@
+"""Whole trainings: environment steps and updates per second, as they take turns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import gymnasium
+from omegaconf import DictConfig
+
+from morlnav.benchmarks import neighbours
+from morlnav.benchmarks.recipes import filled_trainer, recipe
+from morlnav.benchmarks.timing import Contender, Effort, Row, race
+from morlnav.envs import ENV_ID
+
+TITLE = "Whole training: driving and learning in turns"
+NOTES = """Every row collects environment steps and makes the updates that belong to them: morlnav's recipes in the
+loop of `morlnav-train`, without the evaluations on the way (every 40,000 steps) and checkpoints; CAPQL as in
+its own `train`, with its default networks (2×256) and batches (128), on our Gymnasium environment. Rates of environment
+steps are not rates of learning: the recipes differ in the number of updates per step, which is given."""
+
+RECIPES = {"morlnav, default recipe": (), "the paper's literal recipe": ("recipe=paper",)}
+
+
+def measure(effort: Effort) -> list[Row]:
+    """Race the recipes, and CAPQL."""
+    configs = {name: recipe(effort, *overrides) for name, overrides in RECIPES.items()}
+    ratios = {name: cfg.trainer.optim_steps_per_batch / cfg.trainer.frames_per_batch for name, cfg in configs.items()}
+    contenders = [
+        Contender(
+            name,
+            partial(training, cfg),
+            cfg.trainer.frames_per_batch,
+            f"{cfg.env.num_envs} environments, {ratios[name]:g} updates per step",
+        )
+        for name, cfg in configs.items()
+    ]
+    name, note = "morl-baselines CAPQL", "1 environment, 1 update per step"
+    ratios[name] = 1.0
+    learner = partial(neighbours.capql_training, gymnasium.make(ENV_ID), effort.device)
+    contenders.append(Contender(name, learner, note=note, peer=True))
+    rows = race("training", "environment steps", "steps/s", contenders, effort)
+    return rows + [
+        replace(row, case="updates", unit="updates/s", values=[ratios[row.name] * rate for rate in row.values])
+        for row in rows
+    ]
+
+
+def training(cfg: DictConfig) -> Callable[[], object]:
+    """One pass of the trainer's loop: a batch of environment steps, and the updates that follow it."""
+    trainer, batches = filled_trainer(cfg, frames=1000)
+
+    def step() -> None:
+        batch = trainer._process_batch_hook(next(batches))
+        trainer.collected_frames += batch.numel()
+        trainer._pre_steps_log_hook(batch)
+        trainer.optim_steps(batch)
+        trainer._post_steps_hook()
+        trainer._post_steps_log_hook(batch)
+
+    return step

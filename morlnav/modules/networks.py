@@ -119,6 +119,7 @@ class Actor(ActionBounds):
         features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
         depth: hidden layers.
         num_cells: neurons per hidden layer.
+        preference_scale: λ is multiplied by this first. Above 1, preferences tell the network more apart.
 
     Examples:
         >>> actor = Actor(num_preferences=2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
@@ -134,15 +135,17 @@ class Actor(ActionBounds):
         features: nn.Module | None = None,
         depth: int = 4,
         num_cells: int = 256,
+        preference_scale: float = 1.0,
     ) -> None:
         super().__init__(action_low, action_high)
         self.features = features if features is not None else NavigationFeatures()
         self.num_preferences = num_preferences
+        self.preference_scale = preference_scale
         self.mlp = _mlp(self.features.out_features + num_preferences, self.low.numel(), depth, num_cells, gain=0.01)
 
     def forward(self, observation: Tensor, preference: Tensor | None = None) -> Tensor:
         """Action ``[..., A]`` in its own units for observations ``[..., D]`` and preferences ``[..., n]``."""
-        inputs = (preference,) if self.num_preferences else ()
+        inputs = (self.preference_scale * preference,) if self.num_preferences else ()
         return self.to_action(self.mlp(self.features(observation), *inputs).tanh())
 
 
@@ -157,6 +160,7 @@ class VectorCritic(ActionBounds):
         features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
         depth: hidden layers.
         num_cells: neurons per hidden layer.
+        preference_scale: λ is multiplied by this first. Above 1, preferences tell the network more apart.
 
     Examples:
         >>> critic = VectorCritic(3, 2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
@@ -173,9 +177,11 @@ class VectorCritic(ActionBounds):
         features: nn.Module | None = None,
         depth: int = 4,
         num_cells: int = 256,
+        preference_scale: float = 1.0,
     ) -> None:
         super().__init__(action_low, action_high)
         self.features = features if features is not None else NavigationFeatures()
+        self.preference_scale = preference_scale
         self.stackable = not self.features.state_dict()  # a loss then needs no vmap for several critics
         inputs = self.features.out_features + num_preferences + self.low.numel()
         self.mlp = _mlp(inputs, num_objectives, depth, num_cells, gain=1.0)
@@ -185,7 +191,7 @@ class VectorCritic(ActionBounds):
 
         With parameters of ``k`` critics stacked in front, ``[k, B, m]`` for inputs ``[B, ...]``.
         """
-        return self.mlp(self.features(observation), preference, self.to_unit(action))
+        return self.mlp(self.features(observation), self.preference_scale * preference, self.to_unit(action))
 
 
 class StackableLinear(nn.Linear):

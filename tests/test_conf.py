@@ -30,7 +30,8 @@ hydra:
 def test_another_project_composes_our_groups_under_its_own_names(tmp_path):
     (tmp_path / "app.py").write_text(APP)
     (tmp_path / "app.yaml").write_text(CONFIG)
-    command = [sys.executable, "-W", "error::UserWarning", "app.py", "my.loss.angle=none", "preferences@my.sampler=dirichlet"]
+    overrides = ["my.loss.angle=none", "preferences@my.sampler=dirichlet"]
+    command = [sys.executable, "-W", "error::UserWarning", "app.py", *overrides]  # Hydra warns of a missing package
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     mine = OmegaConf.load(tmp_path / "composed.yaml").my

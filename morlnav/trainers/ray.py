@@ -38,7 +38,7 @@ class RayCollector(distributed.RayCollector):
         try:
             yield from super().iterator()
         except Exception as error:  # Ray's about its actor, or the broken connection that weights went through
-            if self.stats(timeout=5.0)["workers_alive"] == self.num_collectors:
+            if self.stats()["workers_alive"] == self.num_collectors:
                 raise
             message = "A collecting process died; continue from the last checkpoint: resume=RUN_DIR."
             raise ChildProcessError(message) from error

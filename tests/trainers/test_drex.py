@@ -34,7 +34,8 @@ def test_the_run_keeps_its_reward_model_and_needs_nothing_else(demonstration_run
     moved = (directory / "run").rename(tmp_path / "moved")
     hidden = (directory / "cache").rename(tmp_path / "hidden")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", "morlnav-evaluate moved --episodes 1 --steps 1 --output again --threads 1".split())
+    settings = ("--episodes=1", "--steps=1", "--threads=1", "--output=again")
+    monkeypatch.setattr("sys.argv", ["morlnav-evaluate", "moved", *settings])
     try:
         assert load("moved").objectives[0] == "demo"
         evaluate_main()

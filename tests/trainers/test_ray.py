@@ -18,21 +18,17 @@ def _full_priority(monkeypatch):
     monkeypatch.setenv("RAY_worker_niceness", "0")  # or importing PyTorch takes long on a busy machine
 
 
-def _process_ids(collector):
-    return [ray.get(actor.cascade_execute.remote("_process_id")) for actor in collector.remote_collectors]
-
-
 def test_workers_act_with_the_learners_weights_until_one_dies(tmp_path):
     trainer = trainer_for(configure("collector=ray", "trainer.total_frames=9600", *QUIET), tmp_path)
     actor, apart = trainer.optimization_stepper.actor, []
-    worker = trainer.collector.remote_collectors[0]
+    worker = ray.get(trainer.collector.remote_collectors[0].__ray_call__.remote(lambda _: os.getpid()))
 
     def compare(batch):
         with torch.no_grad():
             action = actor(batch["observation"], batch["preference"])
         apart.append((action - batch["action"]).abs().max().item())
         if len(apart) == 6:
-            ray.kill(worker)
+            os.kill(worker, signal.SIGKILL)
         return batch
 
     trainer.register_op("batch_process", compare)
@@ -49,3 +45,9 @@ def test_asynchronous_workers_train(tmp_path):
     run(configure("collector=ray", "collector.sync=false", "evaluation.episodes=2"), tmp_path)
     assert (tmp_path / "policy.pt").is_file()
     assert not ray.is_initialized()
+
+
+def test_without_ray_it_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr("morlnav.trainers.ray.find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"pip install 'morlnav\[ray\]'"):
+        trainer_for(configure("collector=ray"), tmp_path)

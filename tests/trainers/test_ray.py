@@ -1,10 +1,11 @@
-"""Collection by Ray actors on a cluster that is started for the training and stopped after it."""
+"""Collection by Ray actors on a cluster of this machine, which is started and stopped here."""
 
 import os
 import signal
 
 import pytest
 import torch
+from omegaconf import OmegaConf
 from support import configure, trainer_for
 
 from morlnav.train import run
@@ -13,11 +14,17 @@ ray = pytest.importorskip("ray")
 QUIET = ("trainer.exploration.sigma_init=0", "trainer.exploration.sigma_end=0", "trainer.random_frames=0")
 
 
-@pytest.fixture(autouse=True)
-def _full_priority(monkeypatch):
-    monkeypatch.setenv("RAY_worker_niceness", "0")  # or importing PyTorch takes long on a busy machine
+@pytest.fixture(scope="module")
+def cluster():
+    """Started as the config says, once for all trainings, for that takes seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RAY_worker_niceness", "0")  # or workers get little of a busy machine
+        ray.init(**OmegaConf.to_container(configure("collector=ray").collector.ray_init_config, resolve=True))
+    yield
+    ray.shutdown()
 
 
+@pytest.mark.usefixtures("cluster")
 def test_workers_act_with_the_learners_weights_until_one_dies(tmp_path):
     trainer = trainer_for(configure("collector=ray", "trainer.total_frames=9600", *QUIET), tmp_path)
     actor, apart = trainer.optimization_stepper.actor, []
@@ -38,13 +45,12 @@ def test_workers_act_with_the_learners_weights_until_one_dies(tmp_path):
     assert len(apart) == 6
     assert max(apart) < 1e-5
     assert any((old != new).any() for old, new in zip(before, actor.parameters(), strict=True))
-    assert not ray.is_initialized()  # the cluster is gone
 
 
+@pytest.mark.usefixtures("cluster")
 def test_asynchronous_workers_train(tmp_path):
     run(configure("collector=ray", "collector.sync=false", "evaluation.episodes=2"), tmp_path)
     assert (tmp_path / "policy.pt").is_file()
-    assert not ray.is_initialized()
 
 
 def test_without_ray_it_says_what_to_install(tmp_path, monkeypatch):

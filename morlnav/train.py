@@ -131,7 +131,7 @@ def main() -> None:
             sys.exit(f"resume={resume[-1]}: no run of morlnav-train there.")
         words = [*OmegaConf.load(overrides), *sys.argv[1:]]
         words = [word for word in words if not word.startswith("resume=")]
-        # Quoted, for the runs of a sweep have "=" and "," in their names.
+        # Quoted, for a directory may have "=" and "," in its name.
         sys.argv[1:] = [*words, f"resume='{resume[-1]}'", f"hydra.run.dir='{directory}'"]
     if "HYDRA_FULL_ERROR" in os.environ:  # a developer wants the traceback
         return _main()

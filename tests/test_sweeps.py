@@ -1,31 +1,32 @@
 """Sweeps by the launchers and sweepers that people use, two jobs each."""
 
+import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from omegaconf import OmegaConf
 from support import ANALYTICAL, SMALL
 
+CHECKOUT = Path(__file__).parents[1]
 SWEEPS = {
     "joblib": ["hydra/launcher=joblib", "seed=0,1"],
+    "ray": ["hydra/launcher=ray", "+hydra.launcher.ray.init.include_dashboard=false", "seed=0,1"],
     "submitit": ["hydra/launcher=submitit_local", "seed=0,1"],
     "optuna": [
         *("hydra/sweeper=optuna", "hydra.sweeper.n_trials=2", "hydra.sweeper.n_jobs=1"),
         *("hydra.sweeper.direction=maximize", "loss.gamma=interval(0.9,0.99)"),
     ],
 }
-SHORT = (
-    *("hydra.sweep.subdir=${hydra.job.num}", ANALYTICAL, "trainer.total_frames=128"),
-    *("evaluation.episodes=2", "evaluation.steps=1"),
-)
+SHORT = (ANALYTICAL, "trainer.total_frames=128", "evaluation.episodes=2", "evaluation.steps=1")
 
 
 @pytest.mark.parametrize("sweep", SWEEPS)
 def test_a_sweep_of_two_jobs(sweep, tmp_path):
     command = [sys.executable, "-c", "from morlnav.train import main; main()", "-m", *SMALL, *SHORT, *SWEEPS[sweep]]
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "RAY_worker_niceness": "0"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     runs = sorted(path.parent for path in tmp_path.glob("multirun/*/*/*/config.yaml"))
@@ -33,6 +34,7 @@ def test_a_sweep_of_two_jobs(sweep, tmp_path):
     for run in runs:
         for file in ("policy.pt", "versions.json", "evaluation/table.md", ".hydra/overrides.yaml"):
             assert (run / file).is_file(), file
+        assert ("git" in json.loads((run / "versions.json").read_text())) == (CHECKOUT / ".git").exists()
     if sweep == "optuna":  # what it maximises is the expected utility
         assert isinstance(OmegaConf.load(runs[0].parent / "optimization_results.yaml").best_value, float)
     else:

@@ -19,7 +19,7 @@ from torchrl.envs import TransformedEnv
 from torchrl.modules import AdditiveGaussianModule
 from torchrl.objectives import SoftUpdate
 from torchrl.record.loggers import Logger
-from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, UpdateWeights
+from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer
 
 from morlnav.data import rewarded_transitions, simplex_grid
 from morlnav.evaluation import evaluation_scenes
@@ -80,8 +80,6 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
         save_trainer_interval=settings.checkpoint.interval,
     )
     _register_hooks(cfg, trainer, env, noise)
-    if not _in_one_process(cfg):
-        UpdateWeights(collector, update_weights_interval=1).register(trainer)
     return trainer
 
 
@@ -96,7 +94,7 @@ def _check(cfg: DictConfig) -> None:
 
 
 def _in_one_process(cfg: DictConfig) -> bool:
-    return cfg.collector.get("backend", "direct") == "direct"
+    return "num_collectors" not in cfg.collector
 
 
 def _make_collector(cfg: DictConfig, env: TransformedEnv, policy: TensorDictModule) -> BaseCollector:

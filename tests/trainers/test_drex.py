@@ -5,6 +5,7 @@ import torch
 from support import configure, trainer_for
 
 from morlnav import load
+from morlnav.evaluate import main as evaluate_main
 from morlnav.modules import load_reward, read_facts
 from morlnav.train import run
 from morlnav.trainers.drex import make_demonstrations
@@ -27,12 +28,22 @@ def test_demonstrations_become_the_first_tuneable_objective(demonstration_run):
     assert policy(torch.zeros(34), torch.tensor([1.0, 0.0, 0.0])).shape == (2,)
 
 
-def test_the_run_keeps_its_reward_model_and_may_move(demonstration_run, tmp_path):
+def test_the_run_keeps_its_reward_model_and_needs_nothing_else(demonstration_run, tmp_path, monkeypatch, capsys):
     _, directory = demonstration_run
     assert "held_out" in read_facts(directory / "run" / "reward.pt")["facts"]
     moved = (directory / "run").rename(tmp_path / "moved")
-    assert load(moved).objectives[0] == "demo"
-    moved.rename(directory / "run")
+    hidden = (directory / "cache").rename(tmp_path / "hidden")
+    monkeypatch.chdir(tmp_path)
+    settings = ("--episodes=1", "--steps=1", "--threads=1", "--output=again")
+    monkeypatch.setattr("sys.argv", ["morlnav-evaluate", "moved", *settings])
+    try:
+        assert load("moved").objectives[0] == "demo"
+        evaluate_main()
+    finally:
+        moved.rename(directory / "run")
+        hidden.rename(directory / "cache")
+    assert "| demo |" in capsys.readouterr().out
+    assert (tmp_path / "again" / "table.md").is_file()
 
 
 def test_every_stage_is_cached_by_its_config(demonstration_run):

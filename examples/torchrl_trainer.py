@@ -1,7 +1,7 @@
 """TorchRL's stock TD3Trainer with morlnav's environment, loss and relabelling, by config alone.
 
 python examples/torchrl_trainer.py                          # some minutes
-python examples/torchrl_trainer.py frames=2000 replay.transform.share=0.75 +world@env.base_env.world=pymunk
+python examples/torchrl_trainer.py frames=2000 replay.transform.share=0.75 +world@env.base_env.world=pymunk_world
 """
 
 import hydra

@@ -7,7 +7,7 @@ Examples:
     >>> from hydra import compose, initialize
     >>> from hydra.utils import instantiate
     >>> with initialize(version_base=None):
-    ...     cfg = compose(overrides=["+env=navigation", "env.num_envs=4", "+world@env.world=pymunk"])
+    ...     cfg = compose(overrides=["+env=social_navigation", "env.num_envs=4", "+world@env.world=pymunk_world"])
     >>> type(instantiate(cfg.env).world).__name__
     'PymunkWorld'
 """

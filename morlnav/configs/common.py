@@ -32,6 +32,8 @@ class PartConfig(ConfigBase):
 def store(group: str, name: str) -> Callable[[T], T]:
     """Register a config in Hydra's ``ConfigStore``, under a group of TorchRL's or one of our own.
 
+    The name must differ from those of the group's YAML files, for Hydra would take it for their schema.
+
     Examples:
         >>> @store("world", "flat")
         ... @dataclass

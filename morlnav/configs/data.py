@@ -10,7 +10,7 @@ from omegaconf import MISSING
 from morlnav.configs.common import PartConfig, store
 
 
-@store("preferences", "uniform")
+@store("preference_sampler", "uniform")
 @dataclass
 class UniformPreferencesConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.data.UniformPreferences`.
@@ -25,7 +25,7 @@ class UniformPreferencesConfig(PartConfig):
     _target_: str = "morlnav.data.UniformPreferences"
 
 
-@store("preferences", "dirichlet")
+@store("preference_sampler", "dirichlet")
 @dataclass
 class DirichletPreferencesConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.data.DirichletPreferences`."""
@@ -35,7 +35,7 @@ class DirichletPreferencesConfig(PartConfig):
     _target_: str = "morlnav.data.DirichletPreferences"
 
 
-@store("preferences", "corner_weighted")
+@store("preference_sampler", "corner_weighted")
 @dataclass
 class CornerWeightedPreferencesConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.data.CornerWeightedPreferences`."""
@@ -46,7 +46,7 @@ class CornerWeightedPreferencesConfig(PartConfig):
     _target_: str = "morlnav.data.CornerWeightedPreferences"
 
 
-@store("preferences", "segmented")
+@store("preference_sampler", "segmented")
 @dataclass
 class SegmentedPreferencesConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.data.SegmentedPreferences`."""
@@ -57,7 +57,7 @@ class SegmentedPreferencesConfig(PartConfig):
     _target_: str = "morlnav.data.SegmentedPreferences"
 
 
-@store("preferences", "grid")
+@store("preference_sampler", "grid")
 @dataclass
 class GridPreferencesConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.data.GridPreferences`."""
@@ -67,7 +67,7 @@ class GridPreferencesConfig(PartConfig):
     _target_: str = "morlnav.data.GridPreferences"
 
 
-@store("preferences", "fixed")
+@store("preference_sampler", "fixed")
 @dataclass
 class FixedPreferencesConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.data.FixedPreferences`."""

@@ -12,7 +12,7 @@ from torchrl.trainers.algorithms.configs import EnvConfig
 from morlnav.configs.common import PartConfig, store
 
 
-@store("env", "navigation")
+@store("env", "social_navigation")
 @dataclass
 class NavigationEnvConfig(PartConfig, EnvConfig):
     """Hydra configuration for :class:`~morlnav.envs.NavigationEnv`.
@@ -32,7 +32,7 @@ class NavigationEnvConfig(PartConfig, EnvConfig):
     _target_: str = "morlnav.envs.NavigationEnv"
 
 
-@store("world", "tensor")
+@store("world", "tensor_world")
 @dataclass
 class TensorWorldConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.world.TensorWorld`."""
@@ -47,7 +47,7 @@ class TensorWorldConfig(PartConfig):
     _target_: str = "morlnav.world.TensorWorld"
 
 
-@store("world", "pymunk")
+@store("world", "pymunk_world")
 @dataclass
 class PymunkWorldConfig(TensorWorldConfig):
     """Hydra configuration for :class:`~morlnav.world.PymunkWorld`."""

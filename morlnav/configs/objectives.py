@@ -11,7 +11,7 @@ from torchrl.trainers.algorithms.configs import LossConfig
 from morlnav.configs.common import PartConfig, store
 
 
-@store("loss", "morl_td3")
+@store("loss", "multi_objective_td3")
 @dataclass
 class MORLTD3LossConfig(PartConfig, LossConfig):
     """Hydra configuration for :class:`~morlnav.objectives.MORLTD3Loss`.

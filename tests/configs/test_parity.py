@@ -1,6 +1,7 @@
 """Every config against the signature of what it builds, by inspection."""
 
 import inspect
+from pathlib import Path
 
 import pytest
 from hydra.core.config_store import ConfigStore
@@ -11,6 +12,7 @@ from torchrl.trainers import OptimizationStepper, TrainerHookBase
 
 import morlnav.configs
 from morlnav import data, envs, modules, objectives, trainers, transforms, world
+from morlnav.cli import conf_dir
 from morlnav.configs import CONFIGS
 
 TARGETS = {key: OmegaConf.structured(config)._target_ for key, config in CONFIGS.items()}
@@ -48,3 +50,8 @@ def test_importing_the_package_registers_a_config_and_exports_it(key):
     assert ConfigStore.instance().load(f"{'/'.join(key)}.yaml").node == OmegaConf.structured(config)
     assert getattr(morlnav.configs, config.__name__) is config
     assert config.__name__ in morlnav.configs.__all__
+
+
+@pytest.mark.parametrize("key", CONFIGS, ids="/".join)
+def test_no_config_is_taken_for_the_schema_of_a_file_of_that_name(key):
+    assert not (Path(conf_dir()) / f"{'/'.join(key)}.yaml").exists()

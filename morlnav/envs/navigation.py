@@ -140,6 +140,7 @@ class NavigationEnv(EnvBase):
         never = torch.zeros(self._count, dtype=torch.bool, device=self.device)
         return self._outputs(never, never, never).reshape(self.batch_size)
 
+    @torch.no_grad()  # as for any simulator: rewards are no function of a policy's parameters
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict["action"].reshape(self._count, 2)
         before, observation = self.world.pose, self._observation

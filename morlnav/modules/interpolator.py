@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import normalize
@@ -59,13 +61,14 @@ class PreferenceInterpolator(nn.Module):
         self,
         num_objectives: int,
         num_static: int = 1,
-        preferences: Tensor | None = None,
-        values: Tensor | None = None,
+        preferences: Tensor | Sequence[Sequence[float]] | None = None,
+        values: Tensor | Sequence[Sequence[float]] | None = None,
         steps: int = 10,
         decay: float = 1.0,
     ) -> None:
         super().__init__()
-        keys = simplex_grid(num_objectives, steps) if preferences is None else preferences.detach().clone()
+        grid = simplex_grid(num_objectives, steps) if preferences is None else torch.as_tensor(preferences)
+        keys = grid.detach().clone()
         if keys.ndim != 2 or keys.shape[-1] != num_objectives:
             raise ValueError(f"preferences must have the shape [K, {num_objectives}], got {tuple(keys.shape)}.")
         if repeated := len(keys) - len(keys.unique(dim=0)):
@@ -76,7 +79,7 @@ class PreferenceInterpolator(nn.Module):
             raise ValueError(f"decay must be above 0 and at most 1, got {decay}.")
         self.num_static = num_static
         self.decay = decay
-        start = self._weights(keys) if values is None else values.detach().to(keys, copy=True)
+        start = self._weights(keys) if values is None else torch.as_tensor(values).detach().to(keys, copy=True)
         if start.shape != (len(keys), num_static + num_objectives):
             shape = (len(keys), num_static + num_objectives)
             raise ValueError(f"values must have the shape {shape}, got {tuple(start.shape)}.")

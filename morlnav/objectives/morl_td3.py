@@ -38,8 +38,9 @@ class MORLTD3Loss(LossModule):
     Args:
         actor_network: writes ``action`` from ``observation`` and ``preference``.
         qvalue_network: writes ``state_action_value`` ``[..., m]``. One module is copied ``num_qvalue_nets`` times with
-            weights drawn uniformly from its range; a list of modules keeps their own initial weights. Where the wrapped
-            module has a true ``stackable``, it is called once with all parameters stacked, instead of ``vmap``.
+            weights drawn uniformly from its range, which suits uniformly initialised weights alone; a list or
+            ``ModuleList`` of modules keeps their own. Where the wrapped module has a true ``stackable``, it is called
+            once with all parameters stacked, instead of ``vmap``.
         action_spec: bounded spec of the action; or give ``bounds``.
         bounds: ``(low, high)`` of the action; exactly one of the two.
         num_qvalue_nets: number of critics.
@@ -118,7 +119,7 @@ class MORLTD3Loss(LossModule):
     def __init__(
         self,
         actor_network: TensorDictModule,
-        qvalue_network: TensorDictModule | list[TensorDictModule],
+        qvalue_network: TensorDictModule | list[TensorDictModule] | nn.ModuleList,
         *,
         action_spec: TensorSpec | None = None,
         bounds: tuple[Tensor | float, Tensor | float] | None = None,
@@ -165,7 +166,7 @@ class MORLTD3Loss(LossModule):
         policy_params = list(actor_network.parameters()) if separate_losses else None
         self.convert_to_functional(actor_network, "actor_network", create_target_params=delay_actor)
         self.convert_to_functional(
-            qvalue_network,
+            list(qvalue_network) if isinstance(qvalue_network, nn.ModuleList) else qvalue_network,
             "qvalue_network",
             num_qvalue_nets,
             create_target_params=delay_qvalue,

@@ -4,12 +4,14 @@ from morlnav.trainers.builders import make_base_env, make_env, make_loss, make_n
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.experiment import make_trainer
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
+from morlnav.trainers.interpolation import FitInterpolator
 from morlnav.trainers.resume import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
 __all__ = [
     "AnnealDiscount",
     "EvaluatePolicy",
+    "FitInterpolator",
     "LogEpisodes",
     "LogOptimisation",
     "MORLTD3Stepper",

@@ -180,12 +180,12 @@ def _make_stepper(cfg: DictConfig, loss: MORLTD3Loss, actor: nn.Module) -> MORLT
 def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, noise: AdditiveGaussianModule) -> None:
     base, loss, stepper = env.base_env, trainer.loss_module, trainer.optimization_stepper
     rewards, during = tuple(base.rewards), cfg.evaluation.during
-    LogEpisodes(rewards, cfg.logger.interval, loss.scalarisation).register(trainer)
+    LogEpisodes(rewards, cfg.logger.interval).register(trainer)
     SelectKeys([*REPLAY_KEYS, *(("next", key) for key in REPLAY_NEXT_KEYS)]).register(trainer)
     ReplayBufferTrainer(trainer.replay_buffer, flatten_tensordicts=True).register(trainer)
     StepExploration(noise).register(trainer)
     frames = int(cfg.loss.gamma_fraction * cfg.trainer.total_frames)
-    AnnealDiscount(loss, cfg.loss.gamma_start, final_discount(cfg, base), frames).register(trainer)
+    AnnealDiscount(cfg.loss.gamma_start, final_discount(cfg, base), frames).register(trainer)
     scenes = evaluation_scenes(during.episodes, seed=cfg.evaluation.seed + 1, sampler=base.scenes)
     EvaluatePolicy(
         stepper.average.module,

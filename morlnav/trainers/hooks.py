@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import torch
 from tensordict import TensorDictBase
 from torch import Tensor
-from torchrl.objectives import LossModule
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 
@@ -20,8 +19,9 @@ class AnnealDiscount(TrainerHookBase):
     A short horizon first teaches to drive to the goal in minutes, the long one then resolves the style objectives
     (increasing discount factors after François-Lavet et al., 2015).
 
+    The discount is that of the trainer's loss module.
+
     Args:
-        loss: loss module whose value estimator holds γ.
         start: discount at the beginning.
         end: discount from ``frames`` on; one for all, or one per entry of the reward.
         frames: environment steps over which γ rises.
@@ -34,11 +34,11 @@ class AnnealDiscount(TrainerHookBase):
         0.99
     """
 
-    def __init__(self, loss: LossModule, start: float, end: float | Sequence[float], frames: int) -> None:
+    def __init__(self, start: float, end: float | Sequence[float], frames: int) -> None:
         self.ends = [end] if isinstance(end, (int, float)) else list(end)
         if not all(0 <= start <= value <= 1 for value in self.ends):
             raise ValueError(f"Discounts need 0 <= gamma_start <= gamma <= 1, got gamma_start={start} and gamma={end}.")
-        self.loss, self.start, self.frames = loss, start, frames
+        self.start, self.frames = start, frames
 
     @staticmethod
     def at(progress: float, start: float, end: float) -> float:
@@ -51,7 +51,7 @@ class AnnealDiscount(TrainerHookBase):
     def __call__(self) -> None:
         """Set γ for the coming optimisation steps."""
         progress = self.trainer.collected_frames / self.frames if self.frames else 1.0
-        gamma = self.loss.value_estimator.gamma
+        gamma = self.trainer.loss_module.value_estimator.gamma
         gamma.copy_(gamma.new_tensor([self.at(progress, self.start, end) for end in self.ends]).reshape(gamma.shape))
 
     def register(self, trainer: Trainer, name: str = "anneal_discount") -> None:
@@ -71,10 +71,11 @@ class StepExploration(TrainerHookBase):
     """Anneal the exploration noise, one step per collected batch.
 
     Args:
-        module: exploration module with ``step``; its state is saved with the collector's policy.
+        module: exploration module with ``step``, by default the trainer's ``exploration_module``; its state is saved
+            with the collector's policy.
     """
 
-    def __init__(self, module: torch.nn.Module) -> None:
+    def __init__(self, module: torch.nn.Module | None = None) -> None:
         self.module = module
 
     def __call__(self, batch: TensorDictBase) -> TensorDictBase:
@@ -84,6 +85,7 @@ class StepExploration(TrainerHookBase):
 
     def register(self, trainer: Trainer, name: str = "step_exploration") -> None:
         """Register on every collected batch."""
+        self.module = self.module or trainer.exploration_module
         trainer.register_op("batch_process", self)
 
     def state_dict(self) -> dict[str, Any]:
@@ -95,16 +97,15 @@ class StepExploration(TrainerHookBase):
 
 
 class LogEpisodes(TrainerHookBase):
-    """Log finished episodes: return per objective, scalarised return λᵀr, outcome rates, length, and speed.
+    """Log finished episodes: return per objective, scalarised return wᵀr as in the trainer's loss, outcomes and length.
 
     Args:
         rewards: names of the reward entries, in order.
         frames: write after at least this many frames, so that the rates average many episodes.
-        scalarisation: maps ``(λ, m)`` to weights.
     """
 
-    def __init__(self, rewards: tuple[str, ...], frames: int, scalarisation: torch.nn.Module) -> None:
-        self.rewards, self.frames, self.scalarisation = rewards, frames, scalarisation
+    def __init__(self, rewards: Sequence[str], frames: int) -> None:
+        self.rewards, self.frames = rewards, frames
         self.rows: list[Tensor] = []
         self.last = 0
 
@@ -114,7 +115,7 @@ class LogEpisodes(TrainerHookBase):
         ended = following.get("done").squeeze(-1)
         episodes = following[ended]
         returns = episodes.get("episode_reward")
-        weights = self.scalarisation(episodes.get("preference"), returns.shape[-1])
+        weights = self.trainer.loss_module.scalarisation(episodes.get("preference"), returns.shape[-1])
         outcome = episodes.get("outcome")
         self.rows.append(
             torch.cat(
@@ -169,8 +170,10 @@ class LogOptimisation(TrainerHookBase):
         scalars: further values by name, called when a line is due.
     """
 
-    def __init__(self, rewards: tuple[str, ...], frames: int, scalars: dict[str, Any]) -> None:
-        self.rewards, self.frames, self.scalars = rewards, frames, scalars
+    def __init__(
+        self, rewards: Sequence[str], frames: int, scalars: Mapping[str, Callable[[], Any]] | None = None
+    ) -> None:
+        self.rewards, self.frames, self.scalars = rewards, frames, dict(scalars or {})
         self.last = 0
         self.clock: tuple[float, int, int] | None = None
 

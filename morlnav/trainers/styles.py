@@ -10,10 +10,14 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 
+from morlnav.data import demonstrations_digest
 from morlnav.envs import default_objectives
 from morlnav.evaluation import reference_paths
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
 from morlnav.world import Scene, World
+
+# In a config, so that stages come from the cache only as long as the recording is the same.
+OmegaConf.register_new_resolver("demonstrations_digest", demonstrations_digest, replace=True)
 
 CLONE_FILE = "clone.pt"
 DEMONSTRATED = "morlnav.envs.DemonstrationObjective"

@@ -231,16 +231,12 @@ def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
     with _stage(cfg, "audit", report) as done:
         if not done:
             unfinished = report.with_suffix(".part")
-            audit_run(
-                _reward_file(cfg),
-                unfinished,
-                num_scenes=cfg.audit.scenes,
-                scene_seed=cfg.audit.scene_seed,
-                cfg=cfg,
-                directory=directory,
-                plans=cfg.audit.plans,
-                seed=cfg.seed,
-            )
+            settings = {"num_scenes": cfg.audit.scenes, "scene_seed": cfg.audit.scene_seed, "plans": cfg.audit.plans}
+            try:
+                audit_run(_reward_file(cfg), unfinished, cfg=cfg, directory=directory, seed=cfg.seed, **settings)
+            except ValueError as error:  # a clone that never arrives cannot stand in for anybody
+                unfinished.mkdir(parents=True, exist_ok=True)
+                (unfinished / "audit.json").write_text(json.dumps({"passed": False, "reasons": [str(error)]}))
             unfinished.rename(report)
         shutil.copytree(report, style_directory(directory, style_of(cfg)) / "audit", dirs_exist_ok=True)
         return json.loads((report / "audit.json").read_text())

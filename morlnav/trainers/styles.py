@@ -76,11 +76,15 @@ def make_demonstrator(cfg: DictConfig, directory: Path) -> Callable[[Tensor], Te
     if not weights.is_file():
         return None
     clone = make_clone(cfg)
-    clone.load_state_dict(torch.load(weights, weights_only=True))
+    clone.load_state_dict(torch.load(weights, weights_only=True, map_location="cpu"))
     clone.eval().requires_grad_(False)
-    if cfg.env.observe_human:
-        return clone
-    return lambda observation: clone(torch.cat([observation[..., :2], observation[..., 4:]], -1))
+
+    def drive(observation: Tensor) -> Tensor:
+        if not cfg.env.observe_human:
+            observation = torch.cat([observation[..., :2], observation[..., 4:]], -1)
+        return clone.to(observation.device)(observation)
+
+    return drive
 
 
 def demonstrated_paths(

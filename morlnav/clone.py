@@ -67,6 +67,8 @@ def study_number(cfg: DictConfig, episodes: int = 20, numbers: Sequence[int] = N
 
 
 def _demonstrator(cfg: DictConfig) -> Callable[[Tensor], Tensor]:
+    if "policy" not in cfg.demonstrations:
+        raise ValueError("morlnav-clone measures a clone against its demonstrator; recorded demonstrations have none.")
     return build(cfg.demonstrations.policy)
 
 

@@ -25,7 +25,8 @@ from morlnav.evaluation import (
     write_report,
 )
 from morlnav.policy import Policy, load, load_config
-from morlnav.trainers.builders import demonstrated_paths, make_base_env
+from morlnav.trainers.builders import make_base_env
+from morlnav.trainers.styles import demonstrated_paths
 
 
 def evaluate_run(directory: Path, output: Path | None = None, trust: bool = False, **changes: int) -> str:
@@ -47,7 +48,7 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
         output or directory / "evaluation",
         rewards=tuple(env.rewards),
         world=env.world,
-        references=demonstrated_paths(cfg, rollouts.scene[0], env.world),
+        references=demonstrated_paths(cfg, rollouts.scene[0], env.world, directory),
         reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
     )
 
@@ -80,7 +81,7 @@ def evaluate_route(
     robot = ContextPolicy(policy, rooms, time_constant=time_constant, step_time=env.world.step_time)
     routes = [*({0.0: room} for room in rooms), route]
     rollouts = _drive(policy, cfg, env, torch.stack([robot.schedule(leg, cfg.env.max_steps) for leg in routes]))
-    references = demonstrated_paths(cfg, rollouts.scene[0], env.world)
+    references = demonstrated_paths(cfg, rollouts.scene[0], env.world, directory)
     summary = summarise(episode_metrics(rollouts, tuple(env.rewards), world=env.world, references=references))
     names = [", ".join(f"{room} from {time:g} s" for time, room in sorted(leg.items())) for leg in routes]
     summary.insert(0, "room", [*rooms, names[-1]])

@@ -11,10 +11,11 @@ from torch import Tensor, nn
 
 from morlnav.modules import load_reward
 from morlnav.trainers.builders import make_base_env, make_networks
+from morlnav.trainers.styles import demonstrated_objectives, style_directory
 
 POLICY_FILE = "policy.pt"
 CONFIG_FILE = "config.yaml"
-BUILT_ON_LOADING = ("world", "env", "objectives", "networks", "demonstrations.policy")
+BUILT_ON_LOADING = ("world", "env", "objectives", "networks", "demonstrations.policy", "clone.actor")
 
 
 class Policy(nn.Module):
@@ -70,9 +71,10 @@ def load_config(directory: str | Path, device: str = "cpu") -> DictConfig:
         raise FileNotFoundError(f"{directory} is not a run directory: it holds no {CONFIG_FILE}.")
     cfg = OmegaConf.load(path)
     cfg.device = device
-    reward = path.parent / "reward.pt"
-    if OmegaConf.select(cfg, "objectives.demo.reward.path") is not None and reward.is_file():
-        cfg.objectives.demo.reward.path = str(reward)  # the run directory may have moved
+    for name in demonstrated_objectives(cfg):
+        reward = style_directory(path.parent, name) / "reward.pt"
+        if reward.is_file():
+            cfg.objectives[name].reward.path = str(reward)  # the run directory may have moved
     return cfg
 
 
@@ -120,7 +122,8 @@ def check_targets(node: DictConfig) -> None:
         Traceback (most recent call last):
         ValueError: This run uses the foreign class elsewhere.World; if it is your own, load it with trust=True.
     """
-    for part in BUILT_ON_LOADING:
+    styles = OmegaConf.select(node, "styles") or {}
+    for part in [*BUILT_ON_LOADING, *(f"styles.{name}.{part}" for name in styles for part in BUILT_ON_LOADING)]:
         if OmegaConf.select(node, part) is not None:
             _check(part, OmegaConf.to_container(OmegaConf.select(node, part), resolve=False))
 

@@ -23,7 +23,7 @@ from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet,
 from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
-from morlnav.trainers.drex import learn_demonstration_reward
+from morlnav.trainers.drex import learn_demonstration_rewards
 from morlnav.trainers.workers import watched
 
 
@@ -36,7 +36,7 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     directory.mkdir(parents=True, exist_ok=True)
     (directory / "versions.json").write_text(json.dumps(_versions(), indent=2))
     logger = TensorboardCSVLogger("logs", directory)
-    learn_demonstration_reward(cfg, directory, logger)
+    learn_demonstration_rewards(cfg, directory, logger)
     OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
     torch.manual_seed(cfg.seed)
     trainer = make_trainer(cfg, directory, logger)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from morlnav.envs import DemonstrationObjective
 from morlnav.evaluation.alternatives import Behaviour, alternative_behaviours
-from morlnav.evaluation.metrics import frechet_distance
+from morlnav.evaluation.metrics import frechet_distance, winding
 from morlnav.evaluation.noise import judge_noise, noisy_rollouts
 from morlnav.evaluation.planner import PathPlanner, PlannedPath
 from morlnav.evaluation.references import reference_paths, without_boxes
@@ -37,7 +37,7 @@ class Thresholds:
         target_reward: mean ``R̂`` on the target's steps is at least this.
         noise_correlation: Spearman correlation of ``ε`` and mean ``R̂`` is at most this.
         frechet: the planner's optimum stays within this distance of the target's path, in metres.
-        human_distance: range of the least distance to the human on the planner's optimum, in metres.
+        human_distance: by how many metres the planner's optimum may pass the human nearer and further than the target.
     """
 
     margin: float = 0.0
@@ -47,7 +47,7 @@ class Thresholds:
     target_reward: float = 0.85
     noise_correlation: float = -0.8
     frechet: float = 0.45
-    human_distance: tuple[float, float] = (0.8, 1.3)
+    human_distance: tuple[float, float] = (0.2, 0.3)
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Audit:
         calibration: a row per bin of the predicted probability that the first of two snippets has less noise:
             ``predicted``, ``empirical`` and ``pairs``.
         plans: a row per planned scene: ``scene``, ``boxes`` (their number), ``outcome``, ``frechet``,
-            ``min_human_distance``, ``human_on_right``.
+            ``min_human_distance`` and ``human_on_right``, the last two also of the target (``target_…``).
         planned: the planned paths themselves, with the target's paths in ``references``.
         facts: ``target_rank``, ``target_reward``, ``idle_margin``, ``worst_margin``, and over noisy roll-outs
             ``noise_correlation``, ``return_spearman``, ``return_kendall`` (``Σ c_d·(R̂ + b_d)`` and true baseline
@@ -220,6 +220,7 @@ def _required(name: str, thresholds: Thresholds) -> float:
 
 
 def _plan_table(chosen: Sequence[int], planned: Sequence[PlannedPath], references: Sequence[Tensor]) -> pd.DataFrame:
+    targets = [(path, plan.scene.human.to(path)) for path, plan in zip(references, planned, strict=True)]
     columns = {
         "scene": list(chosen),
         "boxes": [plan.scene.boxes.shape[-2] for plan in planned],
@@ -227,6 +228,8 @@ def _plan_table(chosen: Sequence[int], planned: Sequence[PlannedPath], reference
         "frechet": frechet_distance([plan.path for plan in planned], references).tolist() if planned else [],
         "min_human_distance": [plan.min_human_distance for plan in planned],
         "human_on_right": [plan.human_on_right for plan in planned],
+        "target_min_human_distance": [(path - human).norm(dim=-1).min().item() for path, human in targets],
+        "target_human_on_right": [winding(path, human).item() < 0 for path, human in targets],
     }
     return pd.DataFrame(columns)
 
@@ -253,13 +256,14 @@ def _reasons(
             f"The mean reward does not fall with noise: its rank correlation with ε is "
             f"{facts['noise_correlation']:.2f}, at most {wanted.noise_correlation} is needed."
         )
-    low, high = wanted.human_distance
+    nearer, further = wanted.human_distance
     for row in plans.itertuples():
+        apart = row.min_human_distance - row.target_min_human_distance
         faults = {
             f"ends by {row.outcome}": row.outcome != "goal",
             f"is {row.frechet:.2f} m from the target's path": not row.frechet < wanted.frechet,
-            "passes on the wrong side": not row.human_on_right,
-            f"passes the human at {row.min_human_distance:.2f} m": not low <= row.min_human_distance <= high,
+            "passes on the wrong side": row.human_on_right != row.target_human_on_right,
+            f"passes the human at {row.min_human_distance:.2f} m": not -nearer <= apart <= further,
         }
         if any(faults.values()):
             found = ", ".join(fault for fault, holds in faults.items() if holds)

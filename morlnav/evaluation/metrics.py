@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,7 @@ def episode_metrics(
     rewards: Sequence[str] = ("baseline", "distance", "efficiency"),
     *,
     world: World | None = None,
-    references: Sequence[Tensor] | None = None,
+    references: Sequence[Tensor] | Mapping[str, Sequence[Tensor]] | None = None,
     shortest: Tensor | None = None,
     personal_space: float = 1.2,
     stalled_speed: float = 0.05,
@@ -53,7 +53,8 @@ def episode_metrics(
         rewards: names of all entries of the reward, static ones first.
         world: where the rollouts were made; its radii, step time and top speed are used.
         references: one path ``[L, 2]`` in metres per scene, such as the oracle's, with steps about as long as the
-            robot's: the discrete distance compares vertices.
+            robot's: the discrete distance compares vertices. Several by the name of their objective: that of ``demo``
+            is ``frechet``, the others' are ``frechet_<name>`` and ``frechet_free_<name>``.
         shortest: lengths ``[S]`` of the shortest paths if they are known, so that they need not be searched again.
         personal_space: in metres.
         stalled_speed: in m/s.
@@ -74,8 +75,10 @@ def episode_metrics(
     num_terms, num_tuneable = rollouts.reward.shape[-1], rollouts.preference.shape[-1]
     if len(rewards) != num_terms:
         raise ValueError(f"The rewards have {num_terms} entries, but {len(rewards)} are named.")
-    if references is not None and len(references) != scenes:
-        raise ValueError(f"Need one reference path for each of the {scenes} scenes, got {len(references)}.")
+    named = references if isinstance(references, Mapping) else {} if references is None else {"demo": references}
+    for paths in named.values():
+        if len(paths) != scenes:
+            raise ValueError(f"Need one reference path for each of the {scenes} scenes, got {len(paths)}.")
     if shortest is None:
         shortest = shortest_path(rollouts.scene[0], world.robot.radius, world.human_radius, world.goal_radius)
     elif shortest.shape != (scenes,):
@@ -107,12 +110,22 @@ def episode_metrics(
         "human_on_right": (winding(rollouts.pose, rollouts.scene.human) < 0).float(),
         **{f"return_{name}": rollouts.reward[..., i].sum(-1) for i, name in enumerate(rewards)},
     }
-    if references is not None:
-        frechet = torch.stack([frechet_distance(paths, references) for paths in rollouts.path])
+    for name, lines in named.items():
+        frechet = torch.stack([frechet_distance(paths, lines) for paths in rollouts.path])
         boxes = rollouts.scene[0].boxes
-        free = [_is_free(*pair, world.robot.radius) for pair in zip(references, boxes, strict=True)]
-        columns |= {"frechet": frechet, "frechet_free": frechet.where(torch.tensor(free), torch.nan)}
+        free = [_is_free(*pair, world.robot.radius) for pair in zip(lines, boxes, strict=True)]
+        columns[frechet_column(name)] = frechet
+        columns[frechet_column(name, "frechet_free")] = frechet.where(torch.tensor(free), torch.nan)
     return pd.DataFrame({name: _tidy(value) for name, value in columns.items()})
+
+
+def frechet_column(objective: str, prefix: str = "frechet") -> str:
+    """The column of Fréchet distances to the demonstration of an objective.
+
+    >>> frechet_column("demo"), frechet_column("wide_left")
+    ('frechet', 'frechet_wide_left')
+    """
+    return prefix if objective == "demo" else f"{prefix}_{objective}"
 
 
 def _is_free(path: Tensor, boxes: Tensor, radius: float) -> bool:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 import torch
 from torch import Tensor
 
-from morlnav.evaluation.metrics import episode_metrics
+from morlnav.evaluation.metrics import episode_metrics, frechet_column
 from morlnav.evaluation.pareto import expected_utility, hypervolume, pareto_mask, utility
 from morlnav.evaluation.rollout import Rollouts
-from morlnav.evaluation.statistics import compare_extremes, fidelity, overall, summarise
+from morlnav.evaluation.statistics import compare_extremes, fidelity, overall, summarise, tuneable_objectives
 from morlnav.record.plots import plot_metrics, plot_trajectories
 from morlnav.world import World
 
@@ -92,7 +92,7 @@ def write_report(
     rewards: Sequence[str] = ("baseline", "distance", "efficiency"),
     *,
     world: World | None = None,
-    references: Sequence[Tensor] | None = None,
+    references: Sequence[Tensor] | Mapping[str, Sequence[Tensor]] | None = None,
     reference_point: Tensor | None = None,
     scenes: Sequence[int] = (0, 1, 2),
 ) -> str:
@@ -106,7 +106,8 @@ def write_report(
         directory: is made if it does not exist; files of an earlier report in it are replaced.
         rewards: names of all ``m`` entries of the reward, static ones first.
         world: where the rollouts were made.
-        references: one path ``[L, 2]`` per scene to measure the Fréchet distance to, such as the oracle's.
+        references: one path ``[L, 2]`` per scene to measure the Fréchet distance to, such as the oracle's; several by
+            the name of their objective.
         reference_point: of the hypervolume, ``[m]``; :func:`default_reference` if ``None``.
         scenes: the scenes whose trajectories are drawn, as far as there are so many.
 
@@ -141,7 +142,7 @@ def write_report(
 
 def _table(summary: pd.DataFrame, total: pd.DataFrame, faithful: pd.DataFrame, front: pd.DataFrame) -> str:
     weights = [name for name in summary if name.startswith("lambda_")]
-    shown = [name for name in TABLE if name in summary]
+    shown = _shown(summary)
     last = ["**all**", *[""] * (len(weights) - 1), *_cells(total.iloc[0], shown)]
     lines = [markdown_table(summary, weights), _row(last), ""]
     episodes, scenes = int(total["episodes"].iloc[0]), int(summary["episodes"].iloc[0])
@@ -164,8 +165,8 @@ def markdown_table(summary: pd.DataFrame, labels: Sequence[str]) -> str:
     | --: | --: |
     | hall | 100.0 |
     """
-    shown = [name for name in TABLE if name in summary]
-    heading = [name.removeprefix("lambda_") for name in labels] + [TABLE[name][0] for name in shown]
+    shown = _shown(summary)
+    heading = [name.removeprefix("lambda_") for name in labels] + [_column(name)[0] for name in shown]
     lines = [_row(heading), _row(["--:"] * len(heading))]
     for _, row in summary.iterrows():
         lead = [row[name] if isinstance(row[name], str) else f"{row[name]:.2f}" for name in labels]
@@ -173,8 +174,18 @@ def markdown_table(summary: pd.DataFrame, labels: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
+def _shown(summary: pd.DataFrame) -> list[str]:
+    """The columns that a person reads, among them the distance to every objective's own demonstration."""
+    own = [frechet_column(name) for name in tuneable_objectives(summary)]
+    return [name for name in dict.fromkeys([*TABLE, *own]) if name in summary]
+
+
+def _column(name: str) -> tuple[str, int]:
+    return TABLE.get(name, (f"Fréchet {name.removeprefix('frechet_')} m", 2))
+
+
 def _cells(row: pd.Series, names: Sequence[str]) -> list[str]:
-    return ["–" if pd.isna(row[name]) else f"{row[name]:.{TABLE[name][1]}f}" for name in names]
+    return ["–" if pd.isna(row[name]) else f"{row[name]:.{_column(name)[1]}f}" for name in names]
 
 
 def _row(cells: Sequence[str]) -> str:

@@ -172,7 +172,8 @@ def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None
     Args:
         frame: from :func:`~morlnav.evaluation.episode_metrics`.
         expected: objective name to ``(column, sign)``; sign 1 where more weight should raise the metric, -1 where it
-            should lower it. ``FIDELITY`` by default, as far as the frame has its objectives and columns.
+            should lower it. ``FIDELITY`` by default, and the Fréchet distance to its demonstration for any other
+            objective, as far as the frame has the columns.
 
     Returns:
         One row per objective and other objective, with columns ``objective``, ``metric``, ``sign``, ``spearman``:
@@ -191,7 +192,8 @@ def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None
     """
     names = tuneable_objectives(frame)
     if expected is None:
-        expected = {name: FIDELITY[name] for name in names if name in FIDELITY and FIDELITY[name][0] in frame}
+        expected = {name: FIDELITY.get(name, (f"frechet_{name}", -1)) for name in names}
+        expected = {name: metric for name, metric in expected.items() if metric[0] in frame}
     _check_columns(frame, [f"lambda_{name}" for name in expected] + [metric for metric, _ in expected.values()])
     rows = []
     for name, (metric, sign) in expected.items():

@@ -4,6 +4,7 @@ from morlnav.modules.interpolator import PreferenceInterpolator
 from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic, round_products
 from morlnav.modules.noise import EpsilonGreedyNoise, WanderingNoise
 from morlnav.modules.oracle import CircumnavigationOracle, Oracle, Plan
+from morlnav.modules.passing import PassingOracle, SlowPassingOracle, WaitingOracle
 from morlnav.modules.reward_file import load_reward, read_facts, save_reward
 from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, RewardModel
 
@@ -14,11 +15,14 @@ __all__ = [
     "NavigationFeatures",
     "NormalisedReward",
     "Oracle",
+    "PassingOracle",
     "Plan",
     "PreferenceInterpolator",
     "RewardEnsemble",
     "RewardModel",
+    "SlowPassingOracle",
     "VectorCritic",
+    "WaitingOracle",
     "WanderingNoise",
     "load_reward",
     "read_facts",

@@ -19,11 +19,13 @@ class Plan(NamedTuple):
         course: direction to drive in, in the robot's frame, in radians.
         curvature: how the course turns on the way, in rad/m, counter-clockwise positive; 0 on a straight line.
         distance: to the next corner in metres; the robot stops there to turn.
+        limit: speed in m/s that the robot keeps below here; ``None`` where its full speed is welcome.
     """
 
     course: Tensor
     curvature: Tensor
     distance: Tensor
+    limit: Tensor | None = None
 
 
 class Oracle(nn.Module, ABC):
@@ -54,7 +56,7 @@ class Oracle(nn.Module, ABC):
         self, speed: float = 0.5, max_turn: float = torch.pi, step_time: float = 0.2, sectors: int = 30
     ) -> None:
         super().__init__()
-        _check_positive(speed=speed, max_turn=max_turn, step_time=step_time)
+        check_positive(speed=speed, max_turn=max_turn, step_time=step_time)
         self.speed = speed
         self.max_turn = max_turn
         self.step_time = step_time
@@ -75,9 +77,9 @@ class Oracle(nn.Module, ABC):
                 f"An oracle needs raw observations [..., {4 + self.sectors}] that hold the human's position; "
                 f"got {list(observation.shape)}."
             )
-        course, curvature, distance = self.plan(observation[..., :2], observation[..., 2:4])
+        course, curvature, distance, limit = self.plan(observation[..., :2], observation[..., 2:4])
         course = wrap_angle(course)
-        speed = self.speed * course.cos().clamp_min(0).pow(4)
+        speed = (self.speed if limit is None else limit) * course.cos().clamp_min(0).pow(4)
         speed = torch.minimum(speed, distance.clamp_min(0) / self.step_time)
         turn = course / self.step_time + curvature * speed
         return torch.stack([speed, turn.clamp(-self.max_turn, self.max_turn)], -1)
@@ -137,7 +139,7 @@ class CircumnavigationOracle(Oracle):
         sectors: int = 30,
     ) -> None:
         super().__init__(speed, max_turn, step_time, sectors)
-        _check_positive(radius=radius, band=band, sector=sector)
+        check_positive(radius=radius, band=band, sector=sector)
         self.radius = radius
         self.clockwise = clockwise
         self.band = band
@@ -169,7 +171,12 @@ class CircumnavigationOracle(Oracle):
         )
 
 
-def _check_positive(**values: float) -> None:
+def check_positive(**values: float) -> None:
+    """Refuse a number that an oracle cannot work with.
+
+    Raises:
+        ValueError: naming the first that is not positive.
+    """
     for name, value in values.items():
         if value <= 0:
             raise ValueError(f"The oracle's {name} must be positive, got {value}.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,7 +54,8 @@ class MORLTD3Loss(LossModule):
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
         angle: the angle term; ``None`` leaves it out.
         interpolator: maps λ to a value direction ``λ_p`` ``[..., m]``; without one, ``λ_p`` is the weight vector.
-        guidance: adds a pull toward a demonstrator's actions to the actor's loss; ``None`` leaves it out.
+        guidance: adds a pull toward a demonstrator's actions to the actor's loss, or pulls toward those of several;
+            ``None`` leaves it out.
         separate_losses: keep critic gradients off parameters shared with the actor.
         reduction: ``"mean"``, ``"sum"`` or ``"none"`` over the batch.
         deactivate_vmap: loop over critics instead of ``vmap``.
@@ -133,7 +135,7 @@ class MORLTD3Loss(LossModule):
         scalarisation: nn.Module | None = None,
         angle: AngleTerm | None = None,
         interpolator: nn.Module | None = None,
-        guidance: Guidance | None = None,
+        guidance: Guidance | Sequence[Guidance] | None = None,
         separate_losses: bool = False,
         reduction: str | None = None,
         deactivate_vmap: bool = False,
@@ -161,7 +163,7 @@ class MORLTD3Loss(LossModule):
         absent = {"angle_actor": angle is None, "angle_qvalue": not self._angled_critics, "guidance": guidance is None}
         self.out_keys = [key for key in self.out_keys if not absent.get(key)]
         self.interpolator = interpolator
-        self.guidance = guidance
+        self.guidance = nn.ModuleList(guidance) if isinstance(guidance, Sequence) else guidance
 
         policy_params = list(actor_network.parameters()) if separate_losses else None
         self.convert_to_functional(actor_network, "actor_network", create_target_params=delay_actor)
@@ -207,7 +209,7 @@ class MORLTD3Loss(LossModule):
                     ("next", keys.done),
                     ("next", keys.terminated),
                     *self.actor_network.in_keys,
-                    *(self.guidance.guide.in_keys if self.guidance is not None else []),
+                    *(key for guidance in self._guidances for key in guidance.guide.in_keys),
                     *[("next", key) for key in self.actor_network.in_keys],
                     *self.qvalue_network.in_keys,
                     *[("next", key) for key in self.qvalue_network.in_keys if key != keys.action],
@@ -268,7 +270,7 @@ class MORLTD3Loss(LossModule):
         loss = -self._scalarise(tensordict, value)
         metadata = {"state_action_value_actor": value.detach()}
         if self.guidance is not None:
-            penalty = self._guide(tensordict, acted, value)
+            penalty = sum(self._guide(guidance, tensordict, acted, value) for guidance in self._guidances)
             metadata["guidance"] = penalty.detach()
             loss = loss + penalty
         if self.angle is not None:
@@ -282,13 +284,18 @@ class MORLTD3Loss(LossModule):
         with self._first_critic_params.to_module(self.qvalue_network, preserve_module_state=False):
             return self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
 
-    def _guide(self, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
-        key, guide = self.tensor_keys.action, self.guidance.guide
+    @property
+    def _guidances(self) -> Sequence[Guidance]:
+        several = isinstance(self.guidance, nn.ModuleList)
+        return self.guidance if several else [self.guidance] if self.guidance is not None else []
+
+    def _guide(self, guidance: Guidance, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
+        key, guide = self.tensor_keys.action, guidance.guide
         with torch.no_grad():
             proposal = guide(tensordict.select(*guide.in_keys)).get(guide.out_keys[0])
             gain = self._scalarise(tensordict, self._first_value(acted.copy().set(key, proposal)) - value)
         apart = (acted.get(key) - proposal) / self._half_range
-        return self.guidance(apart, gain, tensordict.get(self.tensor_keys.preference))
+        return guidance(apart, gain, tensordict.get(self.tensor_keys.preference))
 
     @property
     def _first_critic_params(self) -> TensorDictBase:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -84,7 +84,7 @@ def plot_trajectories(
     objectives: Sequence[str] = ("distance", "efficiency"),
     scenes: Sequence[int] = (0, 1, 2),
     *,
-    references: Sequence[torch.Tensor] | None = None,
+    references: Sequence[torch.Tensor] | Mapping[str, Sequence[torch.Tensor]] | None = None,
     human_radius: float = 0.3,
     robot_radius: float = 0.18,
 ) -> Figure:
@@ -94,7 +94,8 @@ def plot_trajectories(
         rollouts: batched ``[P, S]``; preferences off the edges are not drawn.
         objectives: names of the ``n`` tuneable objectives.
         scenes: indices of the scenes to show.
-        references: a path ``[L, 2]`` per scene of the roll-outs, drawn dotted, such as the oracle's.
+        references: a path ``[L, 2]`` per scene of the roll-outs, drawn dotted, such as the oracle's; of several by the
+            name of their objective, those that an edge leads to.
         human_radius: in metres.
         robot_radius: in metres; drawn as a ring around the start.
 
@@ -116,6 +117,7 @@ def plot_trajectories(
         raise ValueError(f"Preferences have {rollouts.preference.shape[-1]} entries, but got names {list(objectives)}.")
     if not scenes or not all(0 <= scene < rollouts.batch_size[1] for scene in scenes):
         raise ValueError(f"Scenes must be indices below {rollouts.batch_size[1]}, got {list(scenes)}.")
+    named = references if isinstance(references, Mapping) else {} if references is None else {"demo": references}
     preferences = rollouts.preference[:, 0].numpy()
     colours, edges = objective_colours(objectives), tour(len(objectives))
     bounds = {scene: scene_bounds(rollouts, scene) for scene in scenes}
@@ -130,8 +132,9 @@ def plot_trajectories(
         colormap = ListedColormap(blend(np.stack([1 - share, share], 1), [colours[i] for i in edge]))
         for axes, scene in zip(grid[row], scenes, strict=True):
             draw_scene(axes, rollouts.scene[0, scene], human_radius, robot_radius)
-            if references is not None:
-                axes.plot(*references[scene].cpu().T, color=INK, lw=1.2, ls=(0, (1, 1.5)), zorder=4)
+            for name, lines in named.items():
+                if len(named) == 1 or name in [objectives[i] for i in edge]:
+                    axes.plot(*lines[scene].cpu().T, color=INK, lw=1.2, ls=(0, (1, 1.5)), zorder=4)
             for index in order:
                 path = rollouts.pose[index, scene, : rollouts.steps[index, scene] + 1, :2].numpy()
                 colour = colormap(float(preferences[index, edge[1]]))
@@ -147,7 +150,7 @@ def plot_trajectories(
                 axes.set_xlabel("x [m]", fontsize=9)
         grid[row, 0].set_ylabel("y [m]", fontsize=9)
         _colour_bar(grid[row, -1], colormap, [objectives[i] for i in edge])
-    _scene_legend(figure, bool((rollouts.outcome[:, list(scenes)] > 1).any()), references is not None)
+    _scene_legend(figure, bool((rollouts.outcome[:, list(scenes)] > 1).any()), bool(named))
     return figure
 
 

@@ -10,19 +10,17 @@ import torch
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
 from tensordict.nn import TensorDictModule
-from torch import Tensor, nn
+from torch import nn
 from torchrl.data import LazyTensorStorage
 from torchrl.envs import Compose, RewardScaling, RewardSum, StepCounter, TransformedEnv
 from torchrl.objectives import ValueEstimators
 
 from morlnav.data import PreferenceSampler
 from morlnav.envs import NavigationEnv, Objective
-from morlnav.evaluation import reference_paths
 from morlnav.modules import round_products
 from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
-from morlnav.world import Scene, World
 
 LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "gamma", "gamma_start", "gamma_fraction")
 
@@ -125,9 +123,14 @@ def make_networks(cfg: DictConfig, env: NavigationEnv) -> tuple[nn.Module, list[
 
 
 def make_loss(
-    cfg: DictConfig, env: NavigationEnv, actor: nn.Module, critics: list[nn.Module], clone: nn.Module | None = None
+    cfg: DictConfig,
+    env: NavigationEnv,
+    actor: nn.Module,
+    critics: list[nn.Module],
+    clones: Mapping[str, nn.Module] | None = None,
 ) -> MORLTD3Loss:
-    """The loss with its angle term, interpolator, value estimator and, given a ``clone``, guidance."""
+    """The loss with its angle term, interpolator, value estimator and guidance by ``clones``, named as objectives."""
+    guides = [_make_guidance(cfg, env, name, clone) for name, clone in (clones or {}).items()]
     settings = [key for key in cfg.loss if key not in LOSS_SETTINGS]
     if cfg.loss.angle not in cfg.loss.angles:
         raise ValueError(f"loss.angle must be one of {', '.join(cfg.loss.angles)}, got {cfg.loss.angle}.")
@@ -144,7 +147,7 @@ def make_loss(
         interpolator=instantiate(
             cfg.loss.interpolator, num_objectives=len(env.objectives), num_static=env.num_static
         ).to(env.device),
-        guidance=None if clone is None else _make_guidance(cfg, env, clone),
+        guidance=guides if len(guides) > 1 else next(iter(guides), None),
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=final_discount(cfg, env))
     for network in (loss.actor_network, loss.qvalue_network, loss.guidance):
@@ -183,9 +186,9 @@ def final_discount(cfg: DictConfig, env: NavigationEnv) -> float | list[float]:
     return [float(gamma.get(name, gamma.get("default"))) for name in env.rewards]
 
 
-def _make_guidance(cfg: DictConfig, env: NavigationEnv, clone: nn.Module) -> Guidance:
+def _make_guidance(cfg: DictConfig, env: NavigationEnv, name: str, clone: nn.Module) -> Guidance:
     guide = TensorDictModule(clone.to(env.device), ["observation"], ["action"])
-    return build(cfg.loss.guidance, guide=guide, entry=list(env.objectives).index("demo"))
+    return build(cfg.loss.guidance, guide=guide, entry=env.objectives.index(name))
 
 
 def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
@@ -197,15 +200,3 @@ def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
         batch_size=cfg.trainer.batch_size,
         transform=Compose(relabel, scale),
     )
-
-
-def demonstrated_paths(cfg: DictConfig, scenes: Scene, world: World) -> list[Tensor] | None:
-    """The demonstrator's path ``[L, 2]`` in each scene, to measure Fréchet distances to, if it can drive there."""
-    demonstrator = OmegaConf.select(cfg, "demonstrations.policy")
-    if demonstrator is None:
-        return None
-    try:
-        return reference_paths(scenes, build(demonstrator), world=world, max_steps=cfg.env.max_steps)
-    except ValueError as error:
-        print(f"No Fréchet distances to the demonstration: {error}")
-        return None

@@ -22,10 +22,20 @@ from morlnav.audit import audit_run
 from morlnav.cli import stage
 from morlnav.data import SnippetPairs, load_demonstrations, roll_out_ranked, save_demonstrations
 from morlnav.envs import NavigationEnv, default_objectives
+from morlnav.evaluation import Thresholds, evaluate_policy, frechet_distance
 from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, read_facts, save_reward
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
+from morlnav.trainers.styles import (
+    CLONE_FILE,
+    demonstrated_objectives,
+    make_clone,
+    style_config,
+    style_directory,
+    style_of,
+)
 from morlnav.trainers.supervised import fit
+from morlnav.world import Scene
 
 STAGES = ("world", "env", "demonstrations", "networks.features", "clone", "ranking")
 """What a reward model depends on."""
@@ -44,32 +54,47 @@ def _stage(cfg: DictConfig, name: str, path: Path) -> Iterator[bool]:
     path.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(path.with_suffix(".lock")):
         done = path.exists()
-        with stage(name, cfg.trainer.progress_bar, done):
+        with stage(_label(cfg, name), cfg.trainer.progress_bar, done):
             yield done
 
 
-def learn_demonstration_reward(cfg: DictConfig, directory: Path, logger: Logger | None = None) -> None:
-    """Learn and audit the reward of the objective ``demo`` if it has no model yet.
+def learn_demonstration_rewards(cfg: DictConfig, directory: Path, logger: Logger | None = None) -> None:
+    """Learn and audit the reward of every demonstrated objective that has no model yet.
 
-    Puts ``reward.pt`` and ``audit/`` into ``directory``, and the model's place into ``cfg``.
+    Puts ``reward.pt`` and ``audit/`` into :func:`style_directory`, and the model's place into ``cfg``.
 
     Raises:
-        ValueError: if the reward fails its audit and ``cfg.audit.required``.
+        ValueError: if a reward fails its audit and ``audit.required``.
     """
-    if OmegaConf.select(cfg, "objectives.demo.reward.path", default="given") is not None:
-        return
-    path = directory / "reward.pt"
-    if not path.exists():
-        clone = train_clone(cfg, make_demonstrations(cfg), logger)
-        model = train_reward(cfg, clone, logger)
-        verdict = audit(cfg, directory)
-        if cfg.audit.required and not verdict["passed"]:
-            raise ValueError(
-                f"The learned reward fails its audit ({verdict['reasons'][0]} See {directory / 'audit'}); change the "
-                f"pipeline, or train on this reward with audit.required=false."
-            )
-        save_reward(model, path, read_facts(_reward_file(cfg))["facts"])
-    cfg.objectives.demo.reward.path = str(path)
+    for name in demonstrated_objectives(cfg):
+        if OmegaConf.select(cfg, f"objectives.{name}.reward.path", default="given") is None:
+            path = style_directory(directory, name) / "reward.pt"
+            if not path.exists():
+                _learn_reward(style_config(cfg, name), directory, path, logger)
+            cfg.objectives[name].reward.path = str(path)
+
+
+def _learn_reward(cfg: DictConfig, directory: Path, path: Path, logger: Logger | None) -> None:
+    demonstrations = make_demonstrations(cfg)
+    clone = train_clone(cfg, demonstrations, logger)
+    model = train_reward(cfg, clone, logger)
+    reasons, facts = [], {}
+    if "policy" not in cfg.demonstrations:  # the clone stands in for whoever was recorded
+        path.parent.mkdir(parents=True, exist_ok=True)
+        torch.save(clone.state_dict(), path.parent / CLONE_FILE)
+        facts, reasons = judge_clone(cfg, clone, demonstrations)
+    reasons += audit(cfg, directory)["reasons"]
+    if cfg.audit.required and reasons:
+        raise ValueError(
+            f"The learned reward fails its audit ({reasons[0]} See {path.parent / 'audit'}); change the "
+            f"pipeline, or train on this reward with audit.required=false."
+        )
+    save_reward(model, path, {**read_facts(_reward_file(cfg))["facts"], **facts})
+
+
+def _label(cfg: DictConfig, name: str) -> str:
+    """What a person reads: ``clone``, and ``wide_left/clone`` for an objective of that name."""
+    return name if style_of(cfg) == "demo" else f"{style_of(cfg)}/{name}"
 
 
 def make_demonstrations(cfg: DictConfig) -> TensorDict:
@@ -91,16 +116,14 @@ def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | No
     """Clone the demonstrator by regression on its clean actions, or load the clone from the cache."""
     path = stage_directory(cfg, *STAGES[:5]).with_suffix(".pt")
     torch.manual_seed(cfg.seed)  # the same clone whether or not an earlier stage came from the cache
-    env = _bare_env(cfg, 1)
-    bounds = bounds_of(env)
-    actor = build(cfg.clone.actor, num_preferences=0, **bounds, features=make_features(cfg.networks.features, env))
+    actor, robot = make_clone(cfg), build(cfg.world.robot)
     with _stage(cfg, "clone", path) as done:
         if done:
             actor.load_state_dict(torch.load(path, weights_only=True))
             return actor.eval()
         loss = BehaviourCloningLoss(
             TensorDictModule(actor, ["observation"], ["action"]),
-            bounds=(env.world.robot.action_low, env.world.robot.action_high),
+            bounds=(robot.action_low, robot.action_high),
             loss_function=cfg.clone.loss_function,
         )
         rows = demonstrations.select("observation", "action")
@@ -111,7 +134,7 @@ def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | No
             loss,
             lambda: train[torch.randint(len(train), (cfg.clone.batch_size,))],
             held_out,
-            name="clone",
+            name=_label(cfg, "clone"),
             logger=logger,
             progress_bar=cfg.trainer.progress_bar,
             **cfg.clone.fit,
@@ -119,6 +142,33 @@ def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | No
         torch.save(actor.state_dict(), path.with_suffix(".part"))
         path.with_suffix(".part").rename(path)
         return actor.eval()
+
+
+def judge_clone(
+    cfg: DictConfig, clone: nn.Module, demonstrations: TensorDict, episodes: int = 100
+) -> tuple[dict[str, Any], list[str]]:
+    """Whether a clone drives as recorded, for it stands in for a demonstrator that cannot be asked again.
+
+    Returns:
+        Facts for the saved reward, and a reason if the median Fréchet distance to the recorded paths is too large.
+    """
+    first = (demonstrations["step"] == 0).nonzero().flatten()[:episodes]
+    scenes = Scene.from_tensordict(demonstrations["scene"][first])
+    ends = [*first[1:].tolist(), len(demonstrations)]
+    paths = [demonstrations["pose"][start:end, :2] for start, end in zip(first.tolist(), ends, strict=True)]
+    world = build(cfg.world, device="cpu")
+    rollouts = evaluate_policy(
+        lambda observation, _: clone(observation),
+        scenes,
+        torch.zeros(1, 2),
+        world=world,
+        observe_human=cfg.env.observe_human,
+        max_steps=cfg.env.max_steps,
+    )
+    median = frechet_distance(rollouts.path[0], paths).median().item()
+    allowed = Thresholds().frechet
+    reason = f"The clone drives {median:.2f} m off the recorded paths, at most {allowed} m is allowed."
+    return {"clone": {"frechet": median, "episodes": len(paths)}}, [] if median <= allowed else [reason]
 
 
 def make_ranked_rollouts(cfg: DictConfig, clone: nn.Module) -> TensorDict:
@@ -161,7 +211,7 @@ def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tup
         loss,
         lambda: torch.stack([train.sample(settings.batch_size) for _ in members]),
         held_out,
-        name="reward",
+        name=_label(cfg, "reward"),
         logger=logger,
         progress_bar=cfg.trainer.progress_bar,
         **settings.fit,
@@ -176,22 +226,19 @@ def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tup
 
 
 def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
-    """Judge the reward in the cache, unless that was done; puts the report into ``directory/audit``."""
-    report = stage_directory(cfg, *STAGES, "objectives.demo", "audit")
+    """Judge the reward in the cache, unless that was done; puts the report beside the run's reward."""
+    report = stage_directory(cfg, *STAGES, f"objectives.{style_of(cfg)}", "audit")
     with _stage(cfg, "audit", report) as done:
         if not done:
             unfinished = report.with_suffix(".part")
-            audit_run(
-                _reward_file(cfg),
-                unfinished,
-                num_scenes=cfg.audit.scenes,
-                scene_seed=cfg.audit.scene_seed,
-                cfg=cfg,
-                plans=cfg.audit.plans,
-                seed=cfg.seed,
-            )
+            settings = {"num_scenes": cfg.audit.scenes, "scene_seed": cfg.audit.scene_seed, "plans": cfg.audit.plans}
+            try:
+                audit_run(_reward_file(cfg), unfinished, cfg=cfg, directory=directory, seed=cfg.seed, **settings)
+            except ValueError as error:  # a clone that never arrives cannot stand in for anybody
+                unfinished.mkdir(parents=True, exist_ok=True)
+                (unfinished / "audit.json").write_text(json.dumps({"passed": False, "reasons": [str(error)]}))
             unfinished.rename(report)
-        shutil.copytree(report, directory / "audit", dirs_exist_ok=True)
+        shutil.copytree(report, style_directory(directory, style_of(cfg)) / "audit", dirs_exist_ok=True)
         return json.loads((report / "audit.json").read_text())
 
 

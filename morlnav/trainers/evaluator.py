@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -10,7 +11,7 @@ from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 from morlnav.envs import NavigationEnv
 from morlnav.evaluation import Outcome, Rollouts, evaluate_policy, frechet_distance
-from morlnav.evaluation.metrics import winding
+from morlnav.evaluation.metrics import frechet_column, winding
 from morlnav.objectives import MORLTD3Loss
 from morlnav.world import Scene
 
@@ -26,7 +27,7 @@ class EvaluatePolicy(TrainerHookBase):
         loss: its interpolator learns the discounted value vectors, if it has one.
         frames: environment steps between evaluations.
         max_steps: an episode's time limit.
-        references: a demonstrated path ``[L, 2]`` per scene, to log the Fréchet distance to.
+        references: by objective, a demonstrated path ``[L, 2]`` per scene, to log the Fréchet distance to.
     """
 
     def __init__(
@@ -38,10 +39,10 @@ class EvaluatePolicy(TrainerHookBase):
         loss: MORLTD3Loss,
         frames: int,
         max_steps: int,
-        references: list[Tensor] | None = None,
+        references: Mapping[str, Sequence[Tensor]] | None = None,
     ) -> None:
         self.policy, self.env, self.scenes, self.preferences = policy, env, scenes, preferences.to(env.device)
-        self.loss, self.frames, self.max_steps, self.references = loss, frames, max_steps, references
+        self.loss, self.frames, self.max_steps, self.references = loss, frames, max_steps, references or {}
         self.last = 0
 
     def __call__(self, batch: Any = None) -> None:
@@ -87,9 +88,9 @@ class EvaluatePolicy(TrainerHookBase):
             **{f"return_{name}": returns[:, i] for i, name in enumerate(self.env.rewards)},
             **{f"key_{name}": values[:, i] for i, name in enumerate(self.env.rewards)},
         }
-        if self.references is not None:
-            frechet = [frechet_distance(paths, self.references) for paths in rollouts.cpu().path]
-            columns["frechet"] = torch.stack(frechet).mean(1)
+        for name, lines in self.references.items():
+            frechet = [frechet_distance(paths, lines) for paths in rollouts.cpu().path]
+            columns[frechet_column(name)] = torch.stack(frechet).mean(1)
         for i, row in enumerate(self.preferences.tolist()):
             label = "_".join(f"{weight:.2f}" for weight in row)
             metrics |= {f"{name}/{label}": column[i].item() for name, column in columns.items()}

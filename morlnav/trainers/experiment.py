@@ -26,7 +26,6 @@ from morlnav.evaluation import evaluation_scenes
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.builders import (
     build,
-    demonstrated_paths,
     final_discount,
     make_env,
     make_loss,
@@ -39,6 +38,7 @@ from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.resume import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
+from morlnav.trainers.styles import demonstrated_objectives, demonstrated_paths, style_config
 
 REPLAY_KEYS = ("observation", "preference", "action")
 REPLAY_NEXT_KEYS = ("observation", "preference", "reward", "done", "terminated")
@@ -55,9 +55,7 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
     env = make_env(cfg)
     actor, critics = make_networks(cfg, env.base_env)
     policy = TensorDictModule(actor, in_keys=["observation", "preference"], out_keys=["action"])
-    guided = cfg.loss.guidance is not None and "demo" in env.base_env.objectives
-    clone = train_clone(cfg, make_demonstrations(cfg)) if guided else None
-    loss = make_loss(cfg, env.base_env, policy, critics, clone)
+    loss = make_loss(cfg, env.base_env, policy, critics, _make_clones(cfg) if cfg.loss.guidance is not None else None)
     noise = _make_exploration(cfg, env)
     collector = _make_collector(cfg, env, TensorDictSequential(policy, noise))
     stepper = _make_stepper(cfg, loss, actor)
@@ -79,8 +77,13 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
         checkpoint_rotation=CheckpointRotation(directory / "checkpoints", keep_last=settings.checkpoint.keep_last),
         save_trainer_interval=settings.checkpoint.interval,
     )
-    _register_hooks(cfg, trainer, env, noise)
+    _register_hooks(cfg, directory, trainer, env, noise)
     return trainer
+
+
+def _make_clones(cfg: DictConfig) -> dict[str, nn.Module]:
+    views = {name: style_config(cfg, name) for name in demonstrated_objectives(cfg)}
+    return {name: train_clone(view, make_demonstrations(view)) for name, view in views.items()}
 
 
 def _check(cfg: DictConfig) -> None:
@@ -134,7 +137,8 @@ def _make_replay(cfg: DictConfig, env: TransformedEnv) -> ReplayBuffer:
             raise ValueError(
                 "replay.demonstrations needs env.observe_human=true: rewards are computed from what is seen."
             )
-        rows = rewarded_transitions(make_demonstrations(cfg), base.rewards)
+        views = [style_config(cfg, name) for name in demonstrated_objectives(cfg)] or [cfg]
+        rows = torch.cat([rewarded_transitions(make_demonstrations(view), base.rewards) for view in views])
         rows["preference"] = make_preferences(cfg, len(base.objectives))(len(rows))
         rows["next", "preference"] = rows["preference"]
         replay.extend(rows.to(cfg.device))
@@ -177,7 +181,9 @@ def _make_stepper(cfg: DictConfig, loss: MORLTD3Loss, actor: nn.Module) -> MORLT
     )
 
 
-def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, noise: AdditiveGaussianModule) -> None:
+def _register_hooks(
+    cfg: DictConfig, directory: Path, trainer: Trainer, env: TransformedEnv, noise: AdditiveGaussianModule
+) -> None:
     base, loss, stepper = env.base_env, trainer.loss_module, trainer.optimization_stepper
     rewards, during = tuple(base.rewards), cfg.evaluation.during
     LogEpisodes(rewards, cfg.logger.interval).register(trainer)
@@ -195,7 +201,7 @@ def _register_hooks(cfg: DictConfig, trainer: Trainer, env: TransformedEnv, nois
         loss,
         during.interval,
         cfg.env.max_steps,
-        demonstrated_paths(cfg, scenes, base.world) if "demo" in base.objectives else None,
+        demonstrated_paths(cfg, scenes, base.world, directory, demonstrated_objectives(cfg)),
     ).register(trainer)
     scalars = {
         "gamma": lambda: loss.value_estimator.gamma.max(),

@@ -58,3 +58,20 @@ class DifferentialDrive:
             [x + chord * course.cos(), y + chord * course.sin(), wrap_angle(heading + 2 * half)],
             -1,
         )
+
+    def action_between(self, pose: Tensor, next_pose: Tensor, duration: float | Tensor) -> Tensor:
+        """The inverse of :meth:`move`: the action ``[..., 2]`` whose arc leads from one pose ``[..., 3]`` to the next.
+
+        Of a motion that no arc makes, the part sideways is lost; neither speed is limited to what the robot can do.
+
+        >>> robot = DifferentialDrive()
+        >>> robot.action_between(torch.zeros(3), torch.tensor([0.1, 0.0, 0.0]), 0.2)
+        tensor([0.5000, 0.0000])
+        """
+        x, y = (next_pose - pose)[..., :2].unbind(-1)
+        turn = wrap_angle(next_pose[..., 2] - pose[..., 2])
+        course = pose[..., 2] + turn / 2
+        chord = x * course.cos() + y * course.sin()
+        return torch.stack([chord / torch.sinc(turn / (2 * torch.pi)), turn], -1) / torch.as_tensor(
+            duration, dtype=pose.dtype
+        ).unsqueeze(-1)

@@ -46,6 +46,7 @@ class ActorConfig(PartConfig, NetworkConfig):
     features: Any = None
     depth: int = 4
     num_cells: int = 256
+    preference_scale: float = 1.0
     _target_: str = "morlnav.modules.Actor"
 
 
@@ -61,6 +62,7 @@ class VectorCriticConfig(PartConfig, NetworkConfig):
     features: Any = None
     depth: int = 4
     num_cells: int = 256
+    preference_scale: float = 1.0
     _target_: str = "morlnav.modules.VectorCritic"
 
 

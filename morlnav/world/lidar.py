@@ -71,6 +71,7 @@ class Lidar:
         Only rays that can be a sector's nearest are cast. The rays that hit a convex obstacle lie side by side, within
         90° of the bearing of its nearest point, and read more the further they turn away from it. So a sector's nearest
         is its ray that is closest in angle to that bearing, or in the bearing's own sector one of the three around it.
+        In single precision the two may differ for a robot whose very centre is on a box's surface, and nowhere else.
         """
         seen = centre, origin, turn, half = _seen_from(pose, human, boxes)
         x, y = (origin.clamp(-half, half) - origin).unbind(-1)
@@ -94,14 +95,14 @@ def _candidates(lidar: Lidar, device: torch.device, dtype: torch.dtype) -> tuple
     last = first + width - 1
     closest = torch.where((first - ray) % lidar.rays < (ray - last) % lidar.rays, first, last)
     closest = torch.where(ray // width == first // width, ray, closest)
-    own = ray - ray % width
-    index = torch.cat([closest, torch.maximum(ray - 1, own), torch.minimum(ray + 1, own + width - 1)], 1)
+    beside = torch.cat([ray - 1, ray + 1], 1) % lidar.rays
+    index = torch.cat([closest, torch.where(beside // width == ray // width, beside, ray)], 1)
     angles = lidar.angles(device).to(dtype)
     return angles.cos()[index], angles.sin()[index]
 
 
 def _seen_from(pose: Tensor, human: Tensor, boxes: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """The human in the robot's frame ``[B, 2]``, and the robot's place and heading in each box's, and half its sides."""
+    """The human in the robot's frame ``[B, 2]``; the robot's place and heading in each box's, and half its sides."""
     centre = to_frame(human, pose[:, :2], pose[:, 2])
     origin = to_frame(pose[:, None, :2], boxes[..., :2], boxes[..., 4])
     return centre, origin, pose[:, 2:] - boxes[..., 4], boxes[..., 2:4]
@@ -110,7 +111,7 @@ def _seen_from(pose: Tensor, human: Tensor, boxes: Tensor) -> tuple[Tensor, Tens
 def _distances(
     cos: Tensor, sin: Tensor, centre: Tensor, origin: Tensor, turn: Tensor, half: Tensor, human_radius: float
 ) -> Tensor:
-    """Distances to the human, then to each box, along rays of these directions ``[B, 1 + K, N]``; ∞ where one misses."""
+    """Distances to the human and each box along rays of these directions ``[B, 1 + K, N]``; ∞ where a ray misses."""
     # The human: the nearer root of |t·u - c| = r.
     x, y = centre[:, :1], centre[:, 1:]
     along = x * cos[:, 0] + y * sin[:, 0]

@@ -32,7 +32,7 @@ class NavigationEnv(EnvBase):
 
     Args:
         world: the engine that moves robots; :class:`~morlnav.world.TensorWorld` by default.
-        scenes: called as ``scenes(n, device=..., generator=...)`` for ``n`` new scenes.
+        scenes: called as ``scenes(n, device="cpu", generator=...)`` for as many new scenes as episodes have ended.
         objectives: reward terms by name, in order; those with ``static = True`` must come first.
         num_envs: environments side by side; ``None`` for one without a batch dimension.
         observe_human: whether the human's position is part of the observation (``-NH`` ablation).
@@ -129,16 +129,29 @@ class NavigationEnv(EnvBase):
     def _reset(self, tensordict: TensorDictBase | None = None, *, scene: Scene | None = None, **_: Any) -> TensorDict:
         """Begin new episodes; ``env.reset(scene=my_scenes)`` starts in given scenes, which are checked first."""
         mask = tensordict.get("_reset", None) if tensordict is not None else None
+        mask = mask.reshape(self._count) if mask is not None and self.world.scene is not None else None
         if scene is None:
-            scene = self.scenes(self._count, device=self.device, generator=self._generator)
+            scene = self._draw(mask)
         else:
             scene = scene if scene.batch_size else scene.unsqueeze(0)
             if scene.batch_size != (self._count,):
                 raise ValueError(f"Got {scene.batch_size[0]} scenes for {self._count} environments.")
             scene.check(self.world.robot.radius, self.world.human_radius)
-        self.world.reset(scene, mask.reshape(self._count) if mask is not None else None)
+        self.world.reset(scene, mask)
         never = torch.zeros(self._count, dtype=torch.bool, device=self.device)
         return self._outputs(never, never, never).reshape(self.batch_size)
+
+    def _draw(self, mask: Tensor | None) -> Scene:
+        """New scenes for all environments, of which those outside ``mask`` are repetitions that nobody will see.
+
+        They are drawn on the CPU, so one seed gives one sequence of scenes on any device. The count of ended episodes
+        has to be known there, the one thing in this environment that a GPU is waited for.
+        """
+        if mask is None:
+            return self.scenes(self._count, device="cpu", generator=self._generator)
+        place = mask.cpu().cumsum(0)
+        fresh = self.scenes(max(int(place[-1]), 1), device="cpu", generator=self._generator)
+        return fresh[(place - 1).clamp_min(0)]
 
     @torch.no_grad()  # as for any simulator: rewards are no function of a policy's parameters
     def _step(self, tensordict: TensorDictBase) -> TensorDict:

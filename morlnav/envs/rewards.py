@@ -9,6 +9,7 @@ from typing import Protocol
 
 import torch
 from torch import Tensor
+from torch.linalg import vector_norm
 
 from morlnav.world import Contact, Scene
 
@@ -44,17 +45,17 @@ class Transition:
     @property
     def goal_distance(self) -> Tensor:
         """Distance to the goal before the step in metres, ``[B]``."""
-        return (self.pose[..., :2] - self.scene.goal).norm(dim=-1)
+        return vector_norm(self.pose[..., :2] - self.scene.goal, dim=-1)
 
     @property
     def next_goal_distance(self) -> Tensor:
         """Distance to the goal after the step in metres, ``[B]``."""
-        return (self.next_pose[..., :2] - self.scene.goal).norm(dim=-1)
+        return vector_norm(self.next_pose[..., :2] - self.scene.goal, dim=-1)
 
     @property
     def next_human_distance(self) -> Tensor:
         """Distance to the human's centre after the step in metres, ``[B]``."""
-        return (self.next_pose[..., :2] - self.scene.human).norm(dim=-1)
+        return vector_norm(self.next_pose[..., :2] - self.scene.human, dim=-1)
 
 
 class Objective(Protocol):

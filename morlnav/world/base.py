@@ -84,9 +84,11 @@ class World(ABC):
             ValueError: if a scene of a full reset is impossible (partial resets, which sampled scenes come in by all
                 the time, are not checked), or if a partial reset changes the number of boxes.
         """
+        everywhere = mask is None or self.scene is None
+        if everywhere:
+            scene.check(self.robot.radius, self.human_radius)  # where it is: often the CPU, and nothing waits for a GPU
         scene = scene.to(self.device)
-        if mask is None or self.scene is None:
-            scene.check(self.robot.radius, self.human_radius)
+        if everywhere:
             self.scene, self.pose = scene, scene.start.clone()
         elif scene.boxes.shape != self.scene.boxes.shape:
             raise ValueError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
+from torch.linalg import vector_norm
 
 
 def wrap_angle(angle: Tensor) -> Tensor:
@@ -33,7 +34,7 @@ def distance_to_box(point: Tensor, box: Tensor) -> Tensor:
     tensor(1.)
     """
     outside = to_frame(point, box[..., :2], box[..., 4]).abs() - box[..., 2:4]
-    return outside.clamp_min(0).norm(dim=-1) + outside.amax(-1).clamp_max(0)
+    return vector_norm(outside.clamp_min(0), dim=-1) + outside.amax(-1).clamp_max(0)
 
 
 def polar(point: Tensor, pose: Tensor) -> Tensor:

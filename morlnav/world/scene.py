@@ -132,6 +132,8 @@ class SceneSampler:
         human = goal / 2
         start = torch.stack([zero, zero, uniform(-self.heading_noise, self.heading_noise, batch_size)], -1)
 
+        keep_clear = torch.stack([start[:, :2], goal, human], 1)[:, None, None]
+        clearance = length.new_tensor([self.clearance, self.clearance, self.human_clearance])
         boxes = torch.zeros(batch_size, self.num_boxes, 5, device=draw_device)
         missing = torch.ones(batch_size, self.num_boxes, dtype=torch.bool, device=draw_device)
         tries = 0
@@ -153,9 +155,7 @@ class SceneSampler:
                 ],
                 -1,
             )
-            valid = torch.ones(shape, dtype=torch.bool, device=draw_device)
-            for point, least in ((start, self.clearance), (goal, self.clearance), (human, self.human_clearance)):
-                valid &= distance_to_box(point[:, None, None, :2], candidate) >= least
+            valid = (distance_to_box(keep_clear, candidate.unsqueeze(-2)) >= clearance).all(-1)
             first = valid.to(torch.uint8).argmax(-1)
             chosen = candidate.gather(2, first[..., None, None].expand(-1, -1, 1, 5)).squeeze(2)
             found = valid.any(-1) & missing

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
+from torch.linalg import vector_norm
 
 from morlnav.world.base import Contact, World
 from morlnav.world.geometry import distance_to_box
@@ -25,18 +26,17 @@ class TensorWorld(World):
         """See :meth:`World.step`. All check points of the arc are computed at once, then the first contact is taken."""
         scene, path = self.scene, self.path(action)
         point = path[..., :2]
-        human = (point - scene.human.unsqueeze(1)).norm(dim=-1) <= self.human_radius + self.robot.radius
-        if scene.boxes.shape[-2]:
-            gap = distance_to_box(point.unsqueeze(2), scene.boxes.unsqueeze(1)).amin(-1)
-            box = gap <= self.robot.radius
-        else:
-            box = torch.zeros_like(human)
-        goal = (point - scene.goal.unsqueeze(1)).norm(dim=-1) <= self.goal_radius
-        event = human | box | goal
-        first = torch.where(event.any(1), event.to(torch.uint8).argmax(1), self.substeps - 1).unsqueeze(1)
-        self.pose = path.gather(1, first.unsqueeze(-1).expand(-1, 1, 3)).squeeze(1)
-        human, box, goal = (flag.gather(1, first).squeeze(1) for flag in (human, box, goal))
-        duration = (first.squeeze(1) + 1) * (self.step_time / self.substeps)
+        human = vector_norm(point - scene.human.unsqueeze(1), dim=-1) <= self.human_radius + self.robot.radius
+        box = (distance_to_box(point.unsqueeze(2), scene.boxes.unsqueeze(1)) <= self.robot.radius).any(-1)
+        goal = vector_norm(point - scene.goal.unsqueeze(1), dim=-1) <= self.goal_radius
+        met = torch.stack([human, box, goal])
+        event = met.any(0)
+        event[:, -1] = True  # the step ends there in any case
+        first = event.to(torch.uint8).argmax(1)
+        slot = torch.arange(len(first), device=first.device)
+        self.pose = path[slot, first]
+        human, box, goal = met[:, slot, first]
+        duration = (first + 1) * (self.step_time / self.substeps)
         return Contact(human=human, box=box, goal=goal & ~human & ~box, duration=duration, batch_size=human.shape)
 
     def scan(self) -> Tensor:

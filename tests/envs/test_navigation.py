@@ -113,6 +113,38 @@ def test_resetting_ended_episodes_goes_on_with_new_ones():
     assert (starts == 0).all()
 
 
+def test_only_ended_episodes_draw_new_scenes():
+    drawn = []
+
+    def scenes(count, **arguments):
+        drawn.append(count)
+        return SceneSampler()(count, **arguments)
+
+    env = NavigationEnv(scenes=scenes, num_envs=5, seed=0)
+    td = env.reset()
+    env.reset(td.set("_reset", torch.tensor([[False], [True], [False], [False], [True]])))
+    assert drawn == [5, 2]
+    second, fifth = env.world.scene[1], env.world.scene[4]
+    generator = torch.Generator().manual_seed(0)
+    SceneSampler()(5, generator=generator)
+    following = SceneSampler()(2, generator=generator)
+    assert (second == following[0]).all()
+    assert (fifth == following[1]).all()
+
+
+@pytest.mark.parametrize("num_boxes", [0, 3])
+def test_a_step_never_waits_for_the_device(num_boxes):
+    # Tensors on "meta" have no values, so whatever asks for one on the host raises.
+    env = NavigationEnv(TensorWorld(device="meta"), SceneSampler(num_boxes), num_envs=4)
+    td = env._reset()
+    with pytest.raises(RuntimeError):
+        td["done"].any().item()
+    following = env._step(td.set("action", torch.zeros(4, 2, device="meta")))
+    assert {value.device.type for value in following.values(True, True)} == {"meta"}
+    assert following["observation"].shape == (4, 34)
+    assert following["reward"].shape == (4, 3)
+
+
 # Beginnings and ends
 
 

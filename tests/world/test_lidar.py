@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from morlnav.world import Lidar, PymunkWorld, SceneSampler
+from morlnav.world.geometry import distance_to_box
 
 FAR = torch.tensor([[100.0, 0.0]])
 NO_BOXES = torch.zeros(1, 0, 5)
@@ -97,6 +98,49 @@ def test_every_ray_agrees_with_pymunks_own_ray_cast():
     # In single precision only rays that graze an edge may differ.
     single = world.lidar.cast(world.pose, scene.human, scene.boxes, 0.3)
     assert ((single - theirs).abs() > 1e-3).float().mean() < 1e-3
+
+
+def random_views(count, num_boxes, seed, spread=1.5):
+    """Robots among, beside and inside random obstacles, and some exactly at a corner, on a side or in line with one."""
+    generator = torch.Generator().manual_seed(seed)
+    uniform = lambda *shape: 2 * torch.rand(shape, generator=generator) - 1  # noqa: E731
+    pose, human = torch.cat([spread * uniform(count, 2), 3 * uniform(count, 1)], -1), 3 * uniform(count, 2)
+    boxes = torch.cat([3 * uniform(count, num_boxes, 2), 0.05 + uniform(count, num_boxes, 2).abs()], -1)
+    boxes = torch.cat([boxes, 3 * uniform(count, num_boxes, 1)], -1)
+    if num_boxes:
+        straight = count // 2
+        boxes[:straight, 0, 4] = 0
+        corner = boxes[:straight, 0, :2] + boxes[:straight, 0, 2:4]
+        pose[: straight // 3, :2] = corner[: straight // 3]
+        pose[straight // 3 : straight, 0] = corner[straight // 3 :, 0]
+        pose[:straight:2, 2] = 0
+    return pose, human, boxes
+
+
+@pytest.mark.parametrize("num_boxes", [0, 1, 4])
+@pytest.mark.parametrize(("rays", "sectors"), [(720, 30), (360, 360), (90, 2), (45, 3), (36, 1), (4, 4), (1, 1)])
+def test_the_scan_is_the_pooled_cast(rays, sectors, num_boxes):
+    lidar = Lidar(rays, sectors)
+    pose, _, boxes = view = random_views(300, num_boxes, seed=rays + num_boxes)
+    double = [part.double() for part in view]
+    torch.testing.assert_close(lidar.scan(*double, 0.3), lidar.pool(lidar.cast(*double, 0.3)))
+    # In single precision it is rounding alone that decides what a robot reads whose very centre is on a surface.
+    off = (distance_to_box(pose[:, None, :2], boxes).abs() > 1e-6).all(1)
+    scan, reference = lidar.scan(*view, 0.3)[off], lidar.pool(lidar.cast(*view, 0.3))[off]
+    assert (reference < 4).any()
+    torch.testing.assert_close(scan, reference, atol=1e-5, rtol=0)
+
+
+def test_a_hundred_boxes_are_scanned_alike():
+    view = [part.double() for part in random_views(10, 100, seed=9, spread=4.0)]
+    torch.testing.assert_close(Lidar().scan(*view, 0.3), Lidar().pool(Lidar().cast(*view, 0.3)), atol=1e-5, rtol=0)
+
+
+def test_posts_thinner_than_the_gap_between_rays_are_hit_or_missed_alike():
+    pose, human, boxes = (part.double() for part in random_views(500, 3, seed=1))
+    boxes[..., 2:4] *= 0.01
+    scan, reference = Lidar().scan(pose, human, boxes, 0.002), Lidar().pool(Lidar().cast(pose, human, boxes, 0.002))
+    torch.testing.assert_close(scan, reference, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize(

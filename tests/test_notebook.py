@@ -25,7 +25,7 @@ def execute(tmp_path, monkeypatch):
         for variable, value in {"OMP_NUM_THREADS": 1, **variables}.items():
             monkeypatch.setenv(variable, str(value))
         book = nbformat.read(ROOT / "notebooks" / f"{name}.ipynb", as_version=4)
-        client = NotebookClient(book, timeout=180, kernel_name="python3", resources={"metadata": {"path": tmp_path}})
+        client = NotebookClient(book, timeout=600, kernel_name="python3", resources={"metadata": {"path": tmp_path}})
         client.execute()
         return book
 

@@ -128,6 +128,53 @@ class CircumnavigationOracleConfig(PartConfig, NetworkConfig):
     _target_: str = "morlnav.modules.CircumnavigationOracle"
 
 
+@store("network", "passing_oracle")
+@dataclass
+class PassingOracleConfig(PartConfig, NetworkConfig):
+    """Hydra configuration for :class:`~morlnav.modules.PassingOracle`."""
+
+    radius: float = 2.0
+    clockwise: bool = True
+    speed: float = 0.5
+    max_turn: float = math.pi
+    step_time: float = 0.2
+    sectors: int = 30
+    _target_: str = "morlnav.modules.PassingOracle"
+
+
+@store("network", "slow_passing_oracle")
+@dataclass
+class SlowPassingOracleConfig(PartConfig, NetworkConfig):
+    """Hydra configuration for :class:`~morlnav.modules.SlowPassingOracle`."""
+
+    radius: float = 1.0
+    slow: float = 0.2
+    reach: float = 2.0
+    clockwise: bool = True
+    speed: float = 0.5
+    max_turn: float = math.pi
+    step_time: float = 0.2
+    sectors: int = 30
+    _target_: str = "morlnav.modules.SlowPassingOracle"
+
+
+@store("network", "waiting_oracle")
+@dataclass
+class WaitingOracleConfig(PartConfig, NetworkConfig):
+    """Hydra configuration for :class:`~morlnav.modules.WaitingOracle`."""
+
+    radius: float = 1.0
+    pause: float = 4.0
+    distance: float = 1.8
+    depth: float = 0.2
+    clockwise: bool = True
+    speed: float = 0.5
+    max_turn: float = math.pi
+    step_time: float = 0.2
+    sectors: int = 30
+    _target_: str = "morlnav.modules.WaitingOracle"
+
+
 @store("exploration", "epsilon_greedy_noise")
 @dataclass
 class EpsilonGreedyNoiseConfig(PartConfig, NetworkConfig):

@@ -25,7 +25,7 @@ DEMONSTRATED = "morlnav.envs.DemonstrationObjective"
 
 def demonstrated_objectives(cfg: DictConfig) -> list[str]:
     """Names of the objectives that come from demonstrations, in order."""
-    return [name for name, node in cfg.objectives.items() if node.get("_target_") == DEMONSTRATED]
+    return [name for name, node in cfg.get("objectives", {}).items() if node.get("_target_") == DEMONSTRATED]
 
 
 def style_config(cfg: DictConfig, name: str) -> DictConfig:

@@ -122,7 +122,8 @@ def main() -> None:
     """Entry point; ``resume=DIR`` continues in the directory it names, with the overrides the run began with."""
     quiet()
     sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder
-    os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # or `uv run` has Ray's jobs write into a copy of the folder
+    # Under `uv run` Ray would give every worker an environment and a copy of this folder of its own.
+    os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     resume = [word.split("=", 1)[1].strip("'\"") for word in sys.argv[1:] if word.startswith("resume=")]
     if resume:
         directory = Path(resume[-1])

@@ -1,10 +1,14 @@
 """What several tests share: one thread, and one run that is made once."""
 
+import os
+
 import pytest
 import torch
 from support import configure
 
 from morlnav.train import run
+
+os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # as the command line does, before Ray is imported
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,7 @@ from tensordict import TensorDict
 from torch.nn.utils.rnn import pad_sequence
 
 from morlnav.data.demonstrations import demonstrations_digest, load_demonstrations
-from morlnav.data.recording import PATIENCE, OpenLoop, hide_human, roll_out, successes
+from morlnav.data.recording import OpenLoop, hide_human, keep_successes, roll_out
 from morlnav.data.trajectories import ABSENT
 from morlnav.envs import NavigationEnv
 from morlnav.world import Scene, TensorWorld, World
@@ -104,22 +104,14 @@ def replay_demonstrations(
         raise ValueError(f"num must be at least 1, got {num}.")
     world, generator = world or TensorWorld(), torch.Generator().manual_seed(seed)
     episodes = [data[data["episode"] == number] for number in data["episode"].unique()]
-    kept, count, tries = [], 0, 0
-    while count < num:
-        if tries >= PATIENCE * num:
-            raise ValueError(f"Only {count} of {tries} replays touched no box, {num} are wanted; take fewer boxes.")
-        turn = [episodes[(tries + i) % len(episodes)] for i in range(min(num_envs, 2 * (num - count)))]
+
+    def attempt(batch: int, tries: int) -> TensorDict:
+        turn = [episodes[(tries + i) % len(episodes)] for i in range(batch)]
         scene = _among_boxes(turn, sampler(len(turn), device=torch.device("cpu"), generator=generator), world)
         env = NavigationEnv(copy.copy(world), lambda *_, scene=scene, **__: scene, num_envs=len(turn), seed=seed)
-        again = _replay(turn, env, scene)
-        driven, reached = successes(again)
-        good = reached.nonzero().flatten()[: num - count]
-        finished = len(good) == num - count
-        tries += int(good[-1]) + 1 if finished else len(turn)
-        again["episode"][good] = torch.arange(count, count + len(good)).unsqueeze(1)
-        kept.append(again[good][driven[good]])
-        count += len(good)
-    return torch.cat(kept), tries
+        return _replay(turn, env, scene)
+
+    return keep_successes(attempt, num, num_envs, "replays touched no box", "take fewer boxes")
 
 
 def _among_boxes(turn: list[TensorDict], drawn: Scene, world: World) -> Scene:

@@ -128,17 +128,41 @@ def record_demonstrations(
             raise ValueError(f"{name} must be at least 1, got {value}.")
     world = world if world is not None else TensorWorld()
     generator = torch.Generator().manual_seed(seed)
+
+    def attempt(batch: int, tries: int) -> TensorDict:
+        env = NavigationEnv(copy.copy(world), sampler, objectives, num_envs=batch, seed=seed)
+        pushes = None if disturbance is None else disturbance.sample(max_steps, batch, generator=generator)
+        return roll_out(policy, env, sampler(batch, device=env.device, generator=generator), pushes, max_steps)
+
+    advice = "make the scenes easier, the disturbance weaker or max_steps larger, or mend the policy"
+    data, tries = keep_successes(attempt, num, num_envs, "episodes reached the goal", advice)
+    return (data if observe_human else hide_human(data)), tries
+
+
+def keep_successes(
+    attempt: Callable[[int, int], TensorDict], num: int, num_envs: int, success: str, advice: str
+) -> tuple[TensorDict, int]:
+    """Try until ``num`` episodes have reached the goal, and keep these.
+
+    Args:
+        attempt: called as ``attempt(batch, tries)`` for that many episodes ``[batch, T]``, after so many tries.
+        num: episodes to keep.
+        num_envs: episodes side by side, at most.
+        success: what a kept episode did, for the error's sentence.
+        advice: what to do where hardly any succeeds.
+
+    Returns:
+        The transitions ``[N]``, ordered by ``episode`` and ``step``, and the number of episodes tried for them.
+
+    Raises:
+        ValueError: if fewer than one in :data:`PATIENCE` succeeds.
+    """
     kept, count, tries = [], 0, 0
     while count < num:
         if tries >= PATIENCE * num:
-            raise ValueError(
-                f"Only {count} of {tries} episodes reached the goal, {num} are wanted; make the scenes easier, the "
-                f"disturbance weaker or max_steps larger, or mend the policy."
-            )
+            raise ValueError(f"Only {count} of {tries} {success}, {num} are wanted; {advice}.")
         batch = min(num_envs, 2 * (num - count))
-        env = NavigationEnv(copy.copy(world), sampler, objectives, num_envs=batch, seed=seed)
-        pushes = None if disturbance is None else disturbance.sample(max_steps, batch, generator=generator)
-        episodes = roll_out(policy, env, sampler(batch, device=env.device, generator=generator), pushes, max_steps)
+        episodes = attempt(batch, tries)
         driven, reached = successes(episodes)
         good = reached.nonzero().flatten()[: num - count]
         finished = len(good) == num - count
@@ -146,8 +170,7 @@ def record_demonstrations(
         episodes["episode"][good] = torch.arange(count, count + len(good)).unsqueeze(1)
         kept.append(episodes[good][driven[good]])
         count += len(good)
-    data = torch.cat(kept)
-    return (data if observe_human else hide_human(data)), tries
+    return torch.cat(kept), tries
 
 
 def hide_human(data: TensorDict) -> TensorDict:

@@ -112,66 +112,55 @@ class RewardFileConfig(PartConfig, NetworkConfig):
     _target_: str = "morlnav.modules.load_reward"
 
 
-@store("network", "circumnavigation_oracle")
 @dataclass
-class CircumnavigationOracleConfig(PartConfig, NetworkConfig):
-    """Hydra configuration for :class:`~morlnav.modules.CircumnavigationOracle`."""
+class OracleConfig(PartConfig, NetworkConfig):
+    """What the configs of all oracles share."""
 
     radius: float = 1.0
     clockwise: bool = True
     speed: float = 0.5
-    band: float = 0.4
-    sector: float = math.pi / 3
     max_turn: float = math.pi
     step_time: float = 0.2
     sectors: int = 30
+
+
+@store("network", "circumnavigation_oracle")
+@dataclass
+class CircumnavigationOracleConfig(OracleConfig):
+    """Hydra configuration for :class:`~morlnav.modules.CircumnavigationOracle`."""
+
+    band: float = 0.4
+    sector: float = math.pi / 3
     _target_: str = "morlnav.modules.CircumnavigationOracle"
 
 
 @store("network", "passing_oracle")
 @dataclass
-class PassingOracleConfig(PartConfig, NetworkConfig):
+class PassingOracleConfig(OracleConfig):
     """Hydra configuration for :class:`~morlnav.modules.PassingOracle`."""
 
     radius: float = 2.0
-    clockwise: bool = True
-    speed: float = 0.5
-    max_turn: float = math.pi
-    step_time: float = 0.2
-    sectors: int = 30
     _target_: str = "morlnav.modules.PassingOracle"
 
 
 @store("network", "slow_passing_oracle")
 @dataclass
-class SlowPassingOracleConfig(PartConfig, NetworkConfig):
+class SlowPassingOracleConfig(OracleConfig):
     """Hydra configuration for :class:`~morlnav.modules.SlowPassingOracle`."""
 
-    radius: float = 1.0
     slow: float = 0.2
     reach: float = 2.0
-    clockwise: bool = True
-    speed: float = 0.5
-    max_turn: float = math.pi
-    step_time: float = 0.2
-    sectors: int = 30
     _target_: str = "morlnav.modules.SlowPassingOracle"
 
 
 @store("network", "waiting_oracle")
 @dataclass
-class WaitingOracleConfig(PartConfig, NetworkConfig):
+class WaitingOracleConfig(OracleConfig):
     """Hydra configuration for :class:`~morlnav.modules.WaitingOracle`."""
 
-    radius: float = 1.0
     pause: float = 4.0
     distance: float = 1.8
     depth: float = 0.2
-    clockwise: bool = True
-    speed: float = 0.5
-    max_turn: float = math.pi
-    step_time: float = 0.2
-    sectors: int = 30
     _target_: str = "morlnav.modules.WaitingOracle"
 
 

@@ -7,16 +7,17 @@ from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torchrl.trainers.trainers import Trainer, TrainerHookBase
+from torchrl.trainers.trainers import Trainer
 
 from morlnav.envs import NavigationEnv
 from morlnav.evaluation import Outcome, Rollouts, evaluate_policy, frechet_distance
 from morlnav.evaluation.metrics import frechet_column, winding
 from morlnav.objectives import MORLTD3Loss
+from morlnav.trainers.hooks import PeriodicHook
 from morlnav.world import Scene
 
 
-class EvaluatePolicy(TrainerHookBase):
+class EvaluatePolicy(PeriodicHook):
     """Drive the averaged actor under every preference in the same scenes, log what comes out, and refit the keys.
 
     Args:
@@ -41,16 +42,14 @@ class EvaluatePolicy(TrainerHookBase):
         max_steps: int,
         references: Mapping[str, Sequence[Tensor]] | None = None,
     ) -> None:
+        super().__init__(frames)
         self.policy, self.env, self.scenes, self.preferences = policy, env, scenes, preferences.to(env.device)
-        self.loss, self.frames, self.max_steps, self.references = loss, frames, max_steps, references or {}
-        self.last = 0
+        self.loss, self.max_steps, self.references = loss, max_steps, references or {}
 
     def __call__(self, batch: Any = None) -> None:
         """Evaluate if it is due."""
-        frames = self.trainer.collected_frames
-        if frames - self.last < self.frames:
+        if not self.due():
             return
-        self.last = frames
         rollouts = evaluate_policy(
             self.policy,
             self.scenes,
@@ -66,7 +65,7 @@ class EvaluatePolicy(TrainerHookBase):
         if self.loss.interpolator is not None:
             self.loss.interpolator.update(self.preferences, values)
         for name, value in self._metrics(rollouts, values).items():
-            self.trainer.logger.log_scalar(f"evaluation/{name}", value, step=frames)
+            self.trainer.logger.log_scalar(f"evaluation/{name}", value, step=self.last)
 
     def _metrics(self, rollouts: Rollouts, values: Tensor) -> dict[str, float]:
         returns = rollouts.reward.sum(2).mean(1)
@@ -101,11 +100,3 @@ class EvaluatePolicy(TrainerHookBase):
         self.trainer = trainer
         trainer.register_op("post_steps", self)
         trainer.register_module(name, self)
-
-    def state_dict(self) -> dict[str, Any]:
-        """When the last evaluation was."""
-        return {"last": self.last}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Keep the rhythm of evaluations."""
-        self.last = state_dict["last"]

@@ -13,6 +13,33 @@ from torch import Tensor
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 
+class PeriodicHook(TrainerHookBase):
+    """Base of hooks that act every ``frames`` environment steps, and keep this rhythm in a resumed run.
+
+    Args:
+        frames: environment steps between two actions.
+    """
+
+    def __init__(self, frames: int) -> None:
+        self.frames, self.last = frames, 0
+
+    def due(self) -> bool:
+        """Whether to act now; if so, the next time is counted from here."""
+        frames = self.trainer.collected_frames
+        if frames - self.last < self.frames:
+            return False
+        self.last = frames
+        return True
+
+    def state_dict(self) -> dict[str, Any]:
+        """When it last acted."""
+        return {"last": self.last}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Keep the rhythm."""
+        self.last = state_dict["last"]
+
+
 class AnnealDiscount(TrainerHookBase):
     """Raise the discount γ from ``start`` to its final value: ``1 - γ`` falls geometrically, then stays.
 
@@ -161,7 +188,7 @@ class LogEpisodes(TrainerHookBase):
         self.rows = [state_dict["rows"]] if len(state_dict["rows"]) else []
 
 
-class LogOptimisation(TrainerHookBase):
+class LogOptimisation(PeriodicHook):
     """Log losses, gradient norms, angles, γ, learning rates, exploration noise and speeds every ``frames`` frames.
 
     Args:
@@ -173,8 +200,8 @@ class LogOptimisation(TrainerHookBase):
     def __init__(
         self, rewards: Sequence[str], frames: int, scalars: Mapping[str, Callable[[], Any]] | None = None
     ) -> None:
-        self.rewards, self.frames, self.scalars = rewards, frames, dict(scalars or {})
-        self.last = 0
+        super().__init__(frames)
+        self.rewards, self.scalars = rewards, dict(scalars or {})
         self.clock: tuple[float, int, int] | None = None
 
     def __call__(self, optim_steps: int, losses: TensorDictBase | None) -> None:
@@ -182,9 +209,8 @@ class LogOptimisation(TrainerHookBase):
         frames = self.trainer.collected_frames
         now = (time.perf_counter(), frames, optim_steps)
         self.clock = self.clock or now
-        if frames - self.last < self.frames:
+        if not self.due():
             return
-        self.last = frames
         metrics: dict[str, float] = {}
         for key, value in losses.items() if losses is not None else ():
             if value.ndim:
@@ -205,11 +231,3 @@ class LogOptimisation(TrainerHookBase):
         self.trainer = trainer
         trainer.register_op("post_optim_complete_log", self)
         trainer.register_module(name, self)
-
-    def state_dict(self) -> dict[str, Any]:
-        """When the last line was written."""
-        return {"last": self.last}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Keep the rhythm of lines."""
-        self.last = state_dict["last"]

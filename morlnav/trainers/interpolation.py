@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
-from torchrl.trainers.trainers import Trainer, TrainerHookBase
+from torchrl.trainers.trainers import Trainer
+
+from morlnav.trainers.hooks import PeriodicHook
 
 
-class FitInterpolator(TrainerHookBase):
+class FitInterpolator(PeriodicHook):
     """Measure the value of every key preference by roll-outs, and refit the interpolator of the trainer's loss to them.
 
     Each key is measured by one episode per environment of the batch, driven without exploration noise; its value is
@@ -33,15 +33,13 @@ class FitInterpolator(TrainerHookBase):
     """
 
     def __init__(self, env: EnvBase, frames: int, max_steps: int) -> None:
-        self.env, self.frames, self.max_steps = env, frames, max_steps
-        self.last = 0
+        super().__init__(frames)
+        self.env, self.max_steps = env, max_steps
 
     def __call__(self) -> None:
         """Measure and refit if it is due."""
-        frames = self.trainer.collected_frames
-        if frames - self.last < self.frames:
+        if not self.due():
             return
-        self.last = frames
         loss = self.trainer.loss_module
         keys = loss.interpolator.preferences
         values = torch.stack([self._value(key) for key in keys])
@@ -79,11 +77,3 @@ class FitInterpolator(TrainerHookBase):
         self.trainer = trainer
         trainer.register_op("post_steps", self)
         trainer.register_module(name, self)
-
-    def state_dict(self) -> dict[str, Any]:
-        """When the last measurement was."""
-        return {"last": self.last}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Keep the rhythm of measurements."""
-        self.last = state_dict["last"]

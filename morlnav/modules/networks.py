@@ -221,8 +221,8 @@ class StackableLinear(nn.Linear):
 def round_products(module: nn.Module, dtype: torch.dtype | None) -> None:
     """Let the hidden layers of every MLP in ``module`` multiply in ``dtype``, such as ``torch.bfloat16``.
 
-    The first and the last layer, which see observations and give values, stay exact. Processors with bfloat16 products
-    take a third of the time; others may take longer.
+    The first and the last layer, which see observations and give values, stay exact. Processors made for bfloat16 take
+    a part of the time; others may take longer.
 
     Args:
         module: holds networks made of :class:`StackableLinear` layers, which are changed in place.

@@ -150,9 +150,9 @@ def make_loss(
         guidance=guides if len(guides) > 1 else next(iter(guides), None),
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=final_discount(cfg, env))
-    for network in (loss.actor_network, loss.qvalue_network, loss.guidance):
-        if network is not None:
-            round_products(network, product_dtype(cfg.trainer.products, env.device))
+    dtype = product_dtype(cfg.trainer.products, env.device)
+    for network in (loss.actor_network, loss.qvalue_network, *guides):
+        round_products(network, dtype)
     return loss.to(env.device)
 
 

@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -152,10 +153,10 @@ def judge_clone(
     Returns:
         Facts for the saved reward, and a reason if the median Fréchet distance to the recorded paths is too large.
     """
-    first = (demonstrations["step"] == 0).nonzero().flatten()[:episodes]
-    scenes = Scene.from_tensordict(demonstrations["scene"][first])
-    ends = [*first[1:].tolist(), len(demonstrations)]
-    paths = [demonstrations["pose"][start:end, :2] for start, end in zip(first.tolist(), ends, strict=True)]
+    first = (demonstrations["step"] == 0).nonzero().flatten()
+    bounds = [*first.tolist(), len(demonstrations)]
+    paths = [demonstrations["pose"][start:end, :2] for start, end in pairwise(bounds)][:episodes]
+    scenes = Scene.from_tensordict(demonstrations["scene"][first[:episodes]])
     world = build(cfg.world, device="cpu")
     rollouts = evaluate_policy(
         lambda observation, _: clone(observation),

@@ -46,6 +46,7 @@ from morlnav.configs.hooks import (
 )
 from morlnav.configs.modules import (
     ActorConfig,
+    AfterstateFeaturesConfig,
     CircumnavigationOracleConfig,
     EpsilonGreedyNoiseConfig,
     NavigationFeaturesConfig,
@@ -77,6 +78,7 @@ from morlnav.configs.transforms import DemonstrationRewardConfig, DrawPreference
 __all__ = [
     "CONFIGS",
     "ActorConfig",
+    "AfterstateFeaturesConfig",
     "AngleTermConfig",
     "AnnealDiscountConfig",
     "BehaviourCloningLossConfig",

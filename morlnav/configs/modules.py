@@ -63,7 +63,20 @@ class VectorCriticConfig(PartConfig, NetworkConfig):
     depth: int = 4
     num_cells: int = 256
     preference_scale: float = 1.0
+    afterstate: Any = None
     _target_: str = "morlnav.modules.VectorCritic"
+
+
+@store("network", "afterstate_features")
+@dataclass
+class AfterstateFeaturesConfig(PartConfig, NetworkConfig):
+    """Hydra configuration for :class:`~morlnav.modules.AfterstateFeatures`."""
+
+    robot: Any = None
+    step_time: float = 0.2
+    observe_human: bool = True
+    octaves: int = 4
+    _target_: str = "morlnav.modules.AfterstateFeatures"
 
 
 @store("network", "reward_model")

@@ -1,5 +1,6 @@
 """Modules: networks, the preference interpolator and the reward model."""
 
+from morlnav.modules.afterstate import AfterstateFeatures
 from morlnav.modules.interpolator import PreferenceInterpolator
 from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic, round_products
 from morlnav.modules.noise import EpsilonGreedyNoise, WanderingNoise
@@ -10,6 +11,7 @@ from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, Rewar
 
 __all__ = [
     "Actor",
+    "AfterstateFeatures",
     "CircumnavigationOracle",
     "EpsilonGreedyNoise",
     "NavigationFeatures",

@@ -161,6 +161,8 @@ class VectorCritic(ActionBounds):
         depth: hidden layers.
         num_cells: neurons per hidden layer.
         preference_scale: λ is multiplied by this first. Above 1, preferences tell the network more apart.
+        afterstate: module from observations and actions to more features, with ``out_features``, such as
+            :class:`~morlnav.modules.AfterstateFeatures`.
 
     Examples:
         >>> critic = VectorCritic(3, 2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
@@ -178,12 +180,15 @@ class VectorCritic(ActionBounds):
         depth: int = 4,
         num_cells: int = 256,
         preference_scale: float = 1.0,
+        afterstate: nn.Module | None = None,
     ) -> None:
         super().__init__(action_low, action_high)
         self.features = features if features is not None else NavigationFeatures()
         self.preference_scale = preference_scale
-        self.stackable = not self.features.state_dict()  # a loss then needs no vmap for several critics
-        inputs = self.features.out_features + num_preferences + self.low.numel()
+        self.afterstate = afterstate
+        looks = [self.features] if afterstate is None else [self.features, afterstate]
+        self.stackable = not any(module.state_dict() for module in looks)  # a loss then needs no vmap for its critics
+        inputs = sum(module.out_features for module in looks) + num_preferences + self.low.numel()
         self.mlp = _mlp(inputs, num_objectives, depth, num_cells, gain=1.0)
 
     def forward(self, observation: Tensor, preference: Tensor, action: Tensor) -> Tensor:
@@ -191,7 +196,10 @@ class VectorCritic(ActionBounds):
 
         With parameters of ``k`` critics stacked in front, ``[k, B, m]`` for inputs ``[B, ...]``.
         """
-        return self.mlp(self.features(observation), self.preference_scale * preference, self.to_unit(action))
+        seen = [self.features(observation)]
+        if self.afterstate is not None:
+            seen.append(self.afterstate(observation, action))
+        return self.mlp(*seen, self.preference_scale * preference, self.to_unit(action))
 
 
 class StackableLinear(nn.Linear):

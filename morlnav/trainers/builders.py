@@ -89,6 +89,13 @@ def make_features(node: DictConfig, env: NavigationEnv) -> nn.Module:
     )
 
 
+def _make_afterstate(cfg: DictConfig, env: NavigationEnv) -> nn.Module | None:
+    node = cfg.networks.get("afterstate")
+    if node is None:
+        return None
+    return build(node, robot=env.world.robot, step_time=env.world.step_time, observe_human=env.observe_human)
+
+
 def bounds_of(env: NavigationEnv) -> dict[str, list[float]]:
     """The action's bounds, by the names of the arguments that networks and noise take them as."""
     robot = env.world.robot
@@ -116,6 +123,7 @@ def make_networks(cfg: DictConfig, env: NavigationEnv) -> tuple[nn.Module, list[
             **shape,
             num_objectives=len(env.rewards),
             features=make_features(cfg.networks.features, env),
+            afterstate=_make_afterstate(cfg, env),
         )
         for _ in range(cfg.loss.num_qvalue_nets)
     ]

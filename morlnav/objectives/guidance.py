@@ -11,10 +11,11 @@ class Guidance(nn.Module):
 
     A learned reward says what a good path is, but a single action changes its return by less than the critic's error:
     the policy gradient alone stops at a path that is good enough. The guide proposes an action ``a_g(s)``, and the
-    actor is drawn toward it wherever the critic does not see a loss of more than ``margin`` in it (after the Q-filter
-    of Nair et al., ICRA 2018)::
+    actor is drawn toward it unless the critic sees a loss of more than ``margin`` in it (after the Q-filter of Nair et
+    al., ICRA 2018), counted over all objectives but the guided one: that is the guide's own affair, and would outweigh
+    a collision that is still a few steps away::
 
-        c·λ_i^p·1[wᵀQ(s, a_g, λ) ≥ wᵀQ(s, π, λ) - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
+        c·λ_i^p·1[w₋ᵢᵀQ(s, a_g, λ) ≥ w₋ᵢᵀQ(s, π, λ) - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
 
     With ``λ_i = 0`` it is absent; ``p`` keeps it to preferences near the guided corner, for one network serves all of
     them and a strong pull would crowd out the others' gradients.
@@ -24,7 +25,7 @@ class Guidance(nn.Module):
         entry: index ``i`` of the guided objective among the preference's entries.
         coefficient: ``c``.
         sharpness: ``p``.
-        margin: in units of the scalarised value.
+        margin: in units of the scalarised value without the guided objective.
 
     Raises:
         ValueError: for a negative coefficient or sharpness.
@@ -62,7 +63,7 @@ class Guidance(nn.Module):
 
         Args:
             apart: with a gradient.
-            gain: scalarised value of the guide's action less that of the actor's, ``[...]``.
+            gain: scalarised value of the guide's action less that of the actor's, without ``λ_i``'s part, ``[...]``.
             preference: ``[..., n]``.
         """
         followed = preference[..., self.entry] ** self.sharpness * (gain >= -self.margin)

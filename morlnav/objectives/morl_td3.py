@@ -293,7 +293,10 @@ class MORLTD3Loss(LossModule):
         key, guide = self.tensor_keys.action, guidance.guide
         with torch.no_grad():
             proposal = guide(tensordict.select(*guide.in_keys)).get(guide.out_keys[0])
-            gain = self._scalarise(tensordict, self._first_value(acted.copy().set(key, proposal)) - value)
+            gain = self._first_value(acted.copy().set(key, proposal)) - value
+            guided = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1] + guidance.entry
+            gain[..., guided] = 0  # what was demonstrated needs no judgement
+            gain = self._scalarise(tensordict, gain)
         apart = (acted.get(key) - proposal) / self._half_range
         return guidance(apart, gain, tensordict.get(self.tensor_keys.preference))
 

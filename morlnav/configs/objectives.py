@@ -102,7 +102,7 @@ class GuidanceConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.objectives.Guidance`."""
 
     guide: Any = MISSING
-    entry: int = 0
+    entry: int | None = 0
     coefficient: float = 0.3
     sharpness: float = 4.0
     margin: float = 0.1

@@ -17,15 +17,19 @@ class Guidance(nn.Module):
 
         c·λ_i^p·1[w₋ᵢᵀQ(s, a_g, λ) ≥ w₋ᵢᵀQ(s, π, λ) - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
 
+    Without an ``entry`` it acts at every preference and is judged by all objectives. A guide that draws random actions
+    with a negative margin then finds what the gradient cannot: where turning left and right are both better than
+    what lies between, an actor that sits in the poorer mode stays there, however clearly both critics see the other.
+
     With ``λ_i = 0`` it is absent; ``p`` keeps it to preferences near the guided corner, for one network serves all of
     them and a strong pull would crowd out the others' gradients.
 
     Args:
         guide: writes an action from entries of the batch, such as the behaviour clone; its parameters are frozen.
-        entry: index ``i`` of the guided objective among the preference's entries.
+        entry: index ``i`` of the guided objective among the preference's entries; ``None`` for no objective's own.
         coefficient: ``c``.
         sharpness: ``p``.
-        margin: in units of the scalarised value without the guided objective.
+        margin: in units of the scalarised value without the guided objective; below 0 the guide has to be better.
 
     Raises:
         ValueError: for a negative coefficient or sharpness.
@@ -42,7 +46,7 @@ class Guidance(nn.Module):
     def __init__(
         self,
         guide: TensorDictModuleBase,
-        entry: int = 0,
+        entry: int | None = 0,
         coefficient: float = 0.3,
         sharpness: float = 4.0,
         margin: float = 0.1,
@@ -66,5 +70,7 @@ class Guidance(nn.Module):
             gain: scalarised value of the guide's action less that of the actor's, without ``λ_i``'s part, ``[...]``.
             preference: ``[..., n]``.
         """
-        followed = preference[..., self.entry] ** self.sharpness * (gain >= -self.margin)
+        followed = (gain >= -self.margin).to(apart)
+        if self.entry is not None:
+            followed = followed * preference[..., self.entry] ** self.sharpness
         return self.coefficient * followed * apart.square().sum(-1)

@@ -294,8 +294,9 @@ class MORLTD3Loss(LossModule):
         with torch.no_grad():
             proposal = guide(tensordict.select(*guide.in_keys)).get(guide.out_keys[0])
             gain = self._first_value(acted.copy().set(key, proposal)) - value
-            guided = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1] + guidance.entry
-            gain[..., guided] = 0  # what was demonstrated needs no judgement
+            if guidance.entry is not None:  # what was demonstrated needs no judgement
+                static = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1]
+                gain[..., static + guidance.entry] = 0
             gain = self._scalarise(tensordict, gain)
         apart = (acted.get(key) - proposal) / self._half_range
         return guidance(apart, gain, tensordict.get(self.tensor_keys.preference))

@@ -17,12 +17,12 @@ from torchrl.objectives import ValueEstimators
 
 from morlnav.data import PreferenceSampler
 from morlnav.envs import NavigationEnv, Objective
-from morlnav.modules import round_products
+from morlnav.modules import UniformActions, round_products
 from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
-LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "gamma", "gamma_start", "gamma_fraction")
+LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "search", "gamma", "gamma_start", "gamma_fraction")
 
 
 def build(node: DictConfig, **objects: Any) -> Any:
@@ -139,6 +139,9 @@ def make_loss(
 ) -> MORLTD3Loss:
     """The loss with its angle term, interpolator, value estimator and guidance by ``clones``, named as objectives."""
     guides = [_make_guidance(cfg, env, name, clone) for name, clone in (clones or {}).items()]
+    if cfg.loss.get("search") is not None:
+        proposal = TensorDictModule(UniformActions(**bounds_of(env)), ["observation"], ["action"])
+        guides.append(build(cfg.loss.search, guide=proposal))
     settings = [key for key in cfg.loss if key not in LOSS_SETTINGS]
     if cfg.loss.angle not in cfg.loss.angles:
         raise ValueError(f"loss.angle must be one of {', '.join(cfg.loss.angles)}, got {cfg.loss.angle}.")

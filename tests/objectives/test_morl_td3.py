@@ -646,6 +646,26 @@ def test_a_margin_decides_how_much_loss_guidance_may_cost():
     assert (never == 0).all()
 
 
+def test_a_search_pulls_at_every_preference_only_toward_what_is_clearly_better():
+    guide = TensorDictModule(lambda observation: observation[..., :1].clamp(-2, 2), ["observation"], ["action"])
+    batch = make_batch()
+    search = Guidance(guide, entry=None, coefficient=0.5, margin=-0.05)
+    loss = make_loss(guidance=search)
+    _, metadata = loss.actor_loss(batch)
+    with loss.actor_network_params.to_module(loss.actor_network):
+        action = loss.actor_network(batch.clone())["action"]
+    proposal = batch["observation"][:, :1].clamp(-2, 2)
+    first = loss.qvalue_network_params.detach()[0]
+    scalar = []
+    for candidate in (action, proposal):
+        with first.to_module(loss.qvalue_network):
+            value = loss.qvalue_network(batch.clone().set("action", candidate))["state_action_value"]
+        scalar.append((LinearScalarisation()(batch["preference"], 3) * value).sum(-1))
+    expected = 0.5 * (scalar[1] - scalar[0] >= 0.05) * ((action - proposal) / 2).square().sum(-1)
+    torch.testing.assert_close(metadata["guidance"], expected)
+    assert 0 < (expected > 0).sum() < len(batch)
+
+
 def test_guidance_teaches_the_actor_and_leaves_guide_and_critics_alone():
     torch.manual_seed(0)
     guide = TensorDictModule(nn.Linear(STATE, ACTION), ["observation"], ["action"])

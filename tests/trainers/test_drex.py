@@ -113,8 +113,10 @@ def test_demonstrations_without_the_human_cannot_fill_the_replay_buffer(tmp_path
 def test_the_clone_guides_the_actor(demonstration_run, tmp_path):
     _, directory = demonstration_run
     shared = [*SMALL, f"cache={directory / 'cache'}", f"objectives.demo.reward.path={directory / 'run' / 'reward.pt'}"]
-    guidance = trainer_for(configure(*shared), tmp_path / "guided").loss_module.guidance
-    assert guidance.entry == 0
-    assert guidance.guide.module.num_preferences == 0
-    assert trainer_for(configure(*shared, "loss.guidance=null"), tmp_path / "free").loss_module.guidance is None
-    assert trainer_for(configure(), tmp_path / "analytical").loss_module.guidance is None
+    clone, search = trainer_for(configure(*shared), tmp_path / "guided").loss_module.guidance
+    assert (clone.entry, search.entry) == (0, None)
+    assert clone.guide.module.num_preferences == 0
+    for number, words in enumerate([(*shared, "loss.guidance=null"), ()]):
+        guidance = trainer_for(configure(*words), tmp_path / f"without_{number}").loss_module.guidance
+        assert guidance.entry is None
+    assert trainer_for(configure("loss.search=null"), tmp_path / "free").loss_module.guidance is None

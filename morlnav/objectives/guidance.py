@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 
 class Guidance(nn.Module):
-    """Behaviour cloning with a Q-filter on replayed states, by one entry ``λ_i`` of the preference.
+    """A pull toward proposed actions on replayed states with a Q-filter, by one entry ``λ_i`` of λ or none.
 
     A learned reward says what a good path is, but a single action changes its return by less than the critic's error:
     the policy gradient alone stops at a path that is good enough. The guide proposes an action ``a_g(s)``, and the
@@ -17,12 +17,12 @@ class Guidance(nn.Module):
 
         c·λ_i^p·1[w₋ᵢᵀQ(s, a_g, λ) ≥ w₋ᵢᵀQ(s, π, λ) - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
 
+    With ``λ_i = 0`` it is absent; ``p`` keeps it to preferences near the guided corner, for one network serves all of
+    them and a strong pull would crowd out the others' gradients.
+
     Without an ``entry`` it acts at every preference and is judged by all objectives. A guide that draws random actions
     with a negative margin then finds what the gradient cannot: where turning left and right are both better than
     what lies between, an actor that sits in the poorer mode stays there, however clearly both critics see the other.
-
-    With ``λ_i = 0`` it is absent; ``p`` keeps it to preferences near the guided corner, for one network serves all of
-    them and a strong pull would crowd out the others' gradients.
 
     Args:
         guide: writes an action from entries of the batch, such as the behaviour clone; its parameters are frozen.

@@ -33,6 +33,7 @@ class MORLTD3LossConfig(PartConfig, LossConfig):
     scalarisation: Any = None
     angle: Any = None
     interpolator: Any = None
+    reward_bounds: Any = None
     guidance: Any = None
     separate_losses: bool = False
     reduction: str | None = None
@@ -72,7 +73,7 @@ class RankingLossConfig(PartConfig, LossConfig):
 class LinearScalarisationConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.objectives.LinearScalarisation`."""
 
-    tie_break: float = 0.0
+    tie_break: Any = 0.0
     _target_: str = "morlnav.objectives.LinearScalarisation"
 
 

@@ -22,7 +22,6 @@ from torch import Tensor
 from torchrl.data import Bounded
 
 from morlnav.envs.navigation import NavigationEnv
-from morlnav.envs.rewards import reward_bounds
 from morlnav.record.plots import draw_scene
 
 ENV_ID = "morlnav/SocialNavigation-v0"
@@ -192,9 +191,7 @@ def _spaces(env: NavigationEnv) -> tuple[spaces.Box, spaces.Box, spaces.Box]:
     def box(spec: Bounded) -> spaces.Box:
         return spaces.Box(spec.space.low[0].cpu().numpy(), spec.space.high[0].cpu().numpy(), dtype=np.float32)
 
-    reach = env.world.robot.max_speed * env.world.step_time
-    bounds = [reward_bounds(term, reach) for term in env.rewards.values()]
-    low, high = np.array(bounds, np.float32).T
+    low, high = env.reward_bounds.numpy()
     return box(env.observation_spec["observation"]), box(env.action_spec), spaces.Box(low, high, dtype=np.float32)
 
 

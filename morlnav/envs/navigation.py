@@ -11,7 +11,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from morlnav.envs.rewards import Objective, Transition, default_objectives
+from morlnav.envs.rewards import Objective, Transition, default_objectives, reward_bounds
 from morlnav.world import Scene, SceneSampler, TensorWorld, World
 
 
@@ -83,6 +83,12 @@ class NavigationEnv(EnvBase):
     def objectives(self) -> tuple[str, ...]:
         """Names of the tuneable objectives, in the order of the preference's entries."""
         return tuple(self.rewards)[self.num_static :]
+
+    @property
+    def reward_bounds(self) -> Tensor:
+        """Least and largest reward of a step ``[2, m]``; infinite for objectives that do not tell."""
+        reach = self.world.robot.max_speed * self.world.step_time
+        return torch.tensor([reward_bounds(objective, reach) for objective in self.rewards.values()]).T
 
     def _make_spec(self) -> None:
         shape = self.batch_size

@@ -54,6 +54,10 @@ class MORLTD3Loss(LossModule):
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
         angle: the angle term; ``None`` leaves it out.
         interpolator: maps λ to a value direction ``λ_p`` ``[..., m]``; without one, ``λ_p`` is the weight vector.
+        reward_bounds: least and largest reward of a step, each ``[m]`` or one number, infinite where unknown. Targets
+            then stay within what any policy can return, ``[min(low, 0), max(high, 0)] / (1 - γ)``, so that no actor
+            can feed on a critic's overestimate (the clipped targets of hindsight experience replay,
+            Andrychowicz et al. 2017, for every entry of the reward).
         guidance: adds a pull toward a demonstrator's actions to the actor's loss, or pulls toward those of several;
             ``None`` leaves it out.
         separate_losses: keep critic gradients off parameters shared with the actor.
@@ -62,8 +66,8 @@ class MORLTD3Loss(LossModule):
         use_prioritized_weights: weigh samples by the buffer's importance weights, ``"auto"`` where present.
 
     Raises:
-        ValueError: for missing or contradictory action bounds, an unknown ``loss_function``, or ``pessimism`` outside
-            [0, 1].
+        ValueError: for missing or contradictory action bounds, an unknown ``loss_function``, ``pessimism`` outside
+            [0, 1], or a least reward above the largest.
 
     Examples:
         >>> from morlnav.modules import Actor, VectorCritic
@@ -135,6 +139,7 @@ class MORLTD3Loss(LossModule):
         scalarisation: nn.Module | None = None,
         angle: AngleTerm | None = None,
         interpolator: nn.Module | None = None,
+        reward_bounds: tuple[Tensor | Sequence[float] | float, Tensor | Sequence[float] | float] | None = None,
         guidance: Guidance | Sequence[Guidance] | None = None,
         separate_losses: bool = False,
         reduction: str | None = None,
@@ -178,7 +183,16 @@ class MORLTD3Loss(LossModule):
         device = next(self.parameters()).device
         self.register_buffer("min_action", low.to(device))
         self.register_buffer("max_action", high.to(device))
+        self._register_reward_bounds(reward_bounds, device)
         self._make_vmap()
+
+    def _register_reward_bounds(self, bounds: tuple | None, device: torch.device) -> None:
+        ends = (None, None) if bounds is None else (torch.as_tensor(end, dtype=torch.float32) for end in bounds)
+        low, high = (None if end is None else end.to(device) for end in ends)
+        if low is not None and (low > high).any():
+            raise ValueError(f"reward_bounds must be (low, high) with low <= high, got {low} and {high}.")
+        self.register_buffer("min_reward", low, persistent=False)
+        self.register_buffer("max_reward", high, persistent=False)
 
     def _make_vmap(self) -> None:
         module = getattr(self.qvalue_network, "module", None)
@@ -341,7 +355,15 @@ class MORLTD3Loss(LossModule):
         for key in (keys.done, keys.terminated):  # the stock estimator wants flags in the reward's shape
             flag = inputs.get(("next", key))
             inputs.set(("next", key), flag.expand_as(next_value))
-        return self.value_estimator.value_estimate(inputs), next_value
+        return self._bound(self.value_estimator.value_estimate(inputs)), next_value
+
+    def _bound(self, value: Tensor) -> Tensor:
+        """Values ``[..., m]`` kept within what rewards within their bounds can add up to; an episode may end early."""
+        if self.min_reward is None:
+            return value
+        rest = 1 - self.value_estimator.gamma
+        low, high = self.min_reward.clamp_max(0) / rest, self.max_reward.clamp_min(0) / rest
+        return value.clamp(low.nan_to_num(0.0, neginf=-torch.inf), high.nan_to_num(0.0, posinf=torch.inf))
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 
@@ -10,19 +12,27 @@ class LinearScalarisation(nn.Module):
     """Weights ``[1, …, 1, λ]``: objectives beyond the preference's entries are static, with weight one (Eq. 2).
 
     Args:
-        tie_break: added to every preference entry. A small positive value makes the scalarised optimum unique where
-            a preference of zero would leave an objective free (augmented weighted sum); 0 is the paper's form.
+        tie_break: added to every preference entry, or one number for each ``[n]``. A small positive value makes the
+            scalarised optimum unique where a preference of zero would leave an objective free (augmented weighted
+            sum); 0 is the paper's form.
+
+    Raises:
+        ValueError: if ``tie_break`` is negative, or of another length than the preferences.
 
     Examples:
         >>> LinearScalarisation()(torch.tensor([0.25, 0.75]), 3)
         tensor([1.0000, 0.2500, 0.7500])
+        >>> LinearScalarisation([0.0, 0.25])(torch.tensor([1.0, 0.0]), 3)
+        tensor([1.0000, 1.0000, 0.2500])
     """
 
-    def __init__(self, tie_break: float = 0.0) -> None:
+    tie_break: Tensor
+
+    def __init__(self, tie_break: float | Sequence[float] = 0.0) -> None:
         super().__init__()
-        if tie_break < 0:
+        self.register_buffer("tie_break", torch.as_tensor(tie_break, dtype=torch.float32), persistent=False)
+        if (self.tie_break < 0).any():
             raise ValueError(f"tie_break must not be negative, got {tie_break}.")
-        self.tie_break = tie_break
 
     def forward(self, preference: Tensor, num_objectives: int) -> Tensor:
         """Weights ``[..., m]`` for preferences ``[..., n]``, ``n <= m = num_objectives``.
@@ -34,6 +44,10 @@ class LinearScalarisation(nn.Module):
         if static < 0:
             raise ValueError(
                 f"A preference of {preference.shape[-1]} entries cannot weigh {num_objectives} objectives."
+            )
+        if self.tie_break.ndim and len(self.tie_break) != preference.shape[-1]:
+            raise ValueError(
+                f"{len(self.tie_break)} tie_breaks cannot serve {preference.shape[-1]} preference entries."
             )
         ones = preference.new_ones(*preference.shape[:-1], static)
         return torch.cat([ones, preference + self.tie_break], -1)

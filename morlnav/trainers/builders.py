@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import torch
@@ -22,7 +22,18 @@ from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
-LOSS_SETTINGS = ("angle", "angles", "interpolator", "guidance", "search", "gamma", "gamma_start", "gamma_fraction")
+LOSS_SETTINGS = (
+    "angle",
+    "angles",
+    "interpolator",
+    "bounded",
+    "scalarisation",
+    "guidance",
+    "search",
+    "gamma",
+    "gamma_start",
+    "gamma_fraction",
+)
 
 
 def build(node: DictConfig, **objects: Any) -> Any:
@@ -154,10 +165,12 @@ def make_loss(
             for critic in critics
         ],
         action_spec=env.action_spec_unbatched,
+        scalarisation=_make_scalarisation(cfg, env),
         angle=instantiate(cfg.loss.angles[cfg.loss.angle]),
         interpolator=instantiate(
             cfg.loss.interpolator, num_objectives=len(env.objectives), num_static=env.num_static
         ).to(env.device),
+        reward_bounds=cfg.replay.reward_scale * env.reward_bounds if cfg.loss.get("bounded") else None,
         guidance=guides if len(guides) > 1 else next(iter(guides), None),
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=final_discount(cfg, env))
@@ -188,13 +201,25 @@ def final_discount(cfg: DictConfig, env: NavigationEnv) -> float | list[float]:
     Raises:
         ValueError: if ``loss.gamma`` names entries but has no ``default`` for those that it does not name.
     """
-    gamma = cfg.loss.gamma
-    if not OmegaConf.is_dict(gamma):
-        return float(gamma)
-    missing = [name for name in env.rewards if name not in gamma and "default" not in gamma]
+    return _by_name("loss.gamma", cfg.loss.gamma, env.rewards)
+
+
+def _by_name(key: str, value: Any, names: Collection[str]) -> float | list[float]:
+    """A config's number, or one per name, where it names them; ``default`` serves those that it does not name."""
+    if not OmegaConf.is_dict(value):
+        return value
+    missing = [name for name in names if name not in value and "default" not in value]
     if missing:
-        raise ValueError(f"loss.gamma gives no discount for {', '.join(missing)}, and no default.")
-    return [float(gamma.get(name, gamma.get("default"))) for name in env.rewards]
+        raise ValueError(f"{key} names no value for {', '.join(missing)}, and no default.")
+    return [float(value.get(name, value.get("default"))) for name in names]
+
+
+def _make_scalarisation(cfg: DictConfig, env: NavigationEnv) -> nn.Module:
+    node = cfg.loss.scalarisation
+    if "tie_break" not in node:
+        return instantiate(node)
+    tie_break = _by_name("loss.scalarisation.tie_break", node.tie_break, env.objectives)
+    return build(OmegaConf.masked_copy(node, [key for key in node if key != "tie_break"]), tie_break=tie_break)
 
 
 def _make_guidance(cfg: DictConfig, env: NavigationEnv, name: str, clone: nn.Module) -> Guidance:

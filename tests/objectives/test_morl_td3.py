@@ -196,6 +196,29 @@ def test_pessimism_mixes_the_smaller_twin_with_the_mean(pessimism):
     torch.testing.assert_close(mixed, pessimism * smaller + (1 - pessimism) * mean)
 
 
+def test_targets_stay_within_what_rewards_can_add_up_to():
+    batch = make_batch()
+    batch["next", "reward"].clamp_(-0.1, 0.1)
+    free, bounded = (
+        make_loss(reward_bounds=bounds).value_loss(batch)[1]["target_value"]
+        for bounds in (None, ([-0.01, -0.1, 0.01], [0.0, 0.1, math.inf]))
+    )
+    low, high = torch.tensor([-0.1, -1.0, 0.0]), torch.tensor([0.0, 1.0, math.inf])  # γ = 0.9: ten steps' worth
+    assert ((free < low) | (free > high)).any(0)[[0, 2]].all()
+    torch.testing.assert_close(bounded, free.clamp(low, high))
+
+
+def test_without_a_discount_only_the_signs_of_rewards_bound_their_sum():
+    loss, batch = make_loss(reward_bounds=(-1.0, 0.0)), make_batch()
+    loss.value_estimator.gamma.fill_(1.0)
+    with torch.no_grad():
+        loss.target_qvalue_network_params.apply_(lambda parameter: parameter.mul_(100))
+    batch["next", "reward"].clamp_(max=0)
+    target = loss.value_loss(batch)[1]["target_value"]
+    assert target.max() == 0
+    assert target.min() < -100
+
+
 def test_termination_stops_bootstrapping_and_truncation_does_not():
     loss, batch = make_loss(), make_batch(count=3)
     terminated, done = torch.tensor([[True], [False], [False]]), torch.tensor([[True], [True], [False]])
@@ -582,6 +605,7 @@ def test_foreign_networks_on_a_pendulum_work_with_torchrls_spec():
         ({"bounds": (HIGH, LOW)}, "Every lower action bound must be below the upper one"),
         ({"loss_function": "wrong"}, "loss_function must be one of l2, l1, smooth_l1, got wrong"),
         ({"pessimism": 1.5}, "pessimism must be between 0 and 1, got 1.5"),
+        ({"reward_bounds": (1.0, 0.0)}, r"reward_bounds must be \(low, high\) with low <= high"),
     ],
 )
 def test_wrong_arguments_are_named(options, sentence):
@@ -609,6 +633,18 @@ def test_a_preference_longer_than_the_rewards_is_refused():
 def test_ties_are_broken_by_a_small_weight_on_every_tuneable_objective():
     weights = LinearScalarisation(tie_break=0.1)(torch.tensor([1.0, 0.0]), 3)
     torch.testing.assert_close(weights, torch.tensor([1.0, 1.1, 0.1]))
+
+
+def test_ties_may_be_broken_by_some_objectives_alone():
+    weights = LinearScalarisation(tie_break=[0.0, 0.3])(torch.tensor([[1.0, 0.0], [0.0, 1.0]]), 3)
+    torch.testing.assert_close(weights, torch.tensor([[1.0, 1.0, 0.3], [1.0, 0.0, 1.3]]))
+
+
+def test_wrong_tie_breaks_are_named():
+    with pytest.raises(ValueError, match="tie_break must not be negative"):
+        LinearScalarisation([0.1, -0.1])
+    with pytest.raises(ValueError, match="2 tie_breaks cannot serve 3 preference entries"):
+        LinearScalarisation([0.1, 0.1])(torch.rand(4, 3), 4)
 
 
 def guided(**options):

@@ -304,9 +304,16 @@ def test_discounts_may_differ_between_the_entries_of_the_reward(tmp_path):
     torch.testing.assert_close(trainer.loss_module.value_estimator.gamma, torch.tensor([0.99, 0.99, 0.97]))
 
 
+def test_tie_breaks_and_reward_bounds_follow_the_objectives_of_the_config(tmp_path):
+    trainer, _ = train_briefly(tmp_path, "loss.scalarisation.tie_break={default: 0.0, efficiency: 0.2}")
+    loss = trainer.loss_module
+    torch.testing.assert_close(loss.scalarisation.tie_break, torch.tensor([0.0, 0.2]))
+    torch.testing.assert_close(loss.max_reward[1:], torch.tensor([0.0, -0.1]))  # in the learner's unit
+
+
 def test_a_discount_that_is_missing_is_named(tmp_path):
     cfg = configure(*(f"~loss.gamma.{name}" for name in ("default", "baseline", "efficiency")))
-    with pytest.raises(ValueError, match="no discount for baseline, efficiency, and no default"):
+    with pytest.raises(ValueError, match=r"loss\.gamma names no value for baseline, efficiency, and no default"):
         trainer_for(cfg, tmp_path)
 
 

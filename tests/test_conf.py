@@ -3,7 +3,11 @@
 import subprocess
 import sys
 
+import pytest
+from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
+
+from morlnav.cli import conf_dir
 
 APP = """
 import hydra
@@ -38,3 +42,9 @@ def test_another_project_composes_our_groups_under_its_own_names(tmp_path):
     assert mine.loss._target_ == "morlnav.objectives.MORLTD3Loss"
     assert (mine.loss.gamma, mine.loss.angle) == (0.9, "none")
     assert mine.sampler._target_ == "morlnav.data.DirichletPreferences"
+
+
+@pytest.mark.parametrize("recipe", ["recommended", "analytical", "paper"])
+def test_every_recipe_can_be_tried_in_seconds(recipe):
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        assert compose("train", [f"recipe={recipe}", "trainer=smoke"]).trainer.total_frames == 512

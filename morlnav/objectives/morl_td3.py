@@ -183,16 +183,13 @@ class MORLTD3Loss(LossModule):
         device = next(self.parameters()).device
         self.register_buffer("min_action", low.to(device))
         self.register_buffer("max_action", high.to(device))
-        self._register_reward_bounds(reward_bounds, device)
+        bounds = (-torch.inf, torch.inf) if reward_bounds is None else reward_bounds
+        lowest, highest = (torch.as_tensor(bound, dtype=torch.float32, device=device) for bound in bounds)
+        if (lowest > highest).any():
+            raise ValueError(f"reward_bounds must be (low, high) with low <= high, got {reward_bounds}.")
+        self.register_buffer("min_reward", lowest, persistent=False)
+        self.register_buffer("max_reward", highest, persistent=False)
         self._make_vmap()
-
-    def _register_reward_bounds(self, bounds: tuple | None, device: torch.device) -> None:
-        ends = (None, None) if bounds is None else (torch.as_tensor(end, dtype=torch.float32) for end in bounds)
-        low, high = (None if end is None else end.to(device) for end in ends)
-        if low is not None and (low > high).any():
-            raise ValueError(f"reward_bounds must be (low, high) with low <= high, got {low} and {high}.")
-        self.register_buffer("min_reward", low, persistent=False)
-        self.register_buffer("max_reward", high, persistent=False)
 
     def _make_vmap(self) -> None:
         module = getattr(self.qvalue_network, "module", None)
@@ -359,11 +356,10 @@ class MORLTD3Loss(LossModule):
 
     def _bound(self, value: Tensor) -> Tensor:
         """Values ``[..., m]`` kept within what rewards within their bounds can add up to; an episode may end early."""
-        if self.min_reward is None:
-            return value
         rest = 1 - self.value_estimator.gamma
         low, high = self.min_reward.clamp_max(0) / rest, self.max_reward.clamp_min(0) / rest
-        return value.clamp(low.nan_to_num(0.0, neginf=-torch.inf), high.nan_to_num(0.0, posinf=torch.inf))
+        ends = (end.nan_to_num(0.0, torch.inf, -torch.inf) for end in (low, high))  # 0 / 0 where nothing is discounted
+        return value.clamp(*ends)
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

@@ -110,13 +110,17 @@ def test_demonstrations_without_the_human_cannot_fill_the_replay_buffer(tmp_path
         run(configure(*words), tmp_path / "run")
 
 
-def test_the_clone_guides_the_actor(demonstration_run, tmp_path):
+def guidance_of(directory, *words):
+    return trainer_for(configure(*words), directory).loss_module.guidance
+
+
+def test_a_clone_guides_the_actor_and_a_search_may_stand_beside_it(demonstration_run, tmp_path):
     _, directory = demonstration_run
     shared = [*SMALL, f"cache={directory / 'cache'}", f"objectives.demo.reward.path={directory / 'run' / 'reward.pt'}"]
-    clone, search = trainer_for(configure(*shared), tmp_path / "guided").loss_module.guidance
-    assert (clone.entry, search.entry) == (0, None)
+    clone = guidance_of(tmp_path / "guided", *shared)
+    assert clone.entry == 0
     assert clone.guide.module.num_preferences == 0
-    for number, words in enumerate([(*shared, "loss.guidance=null"), ()]):
-        guidance = trainer_for(configure(*words), tmp_path / f"without_{number}").loss_module.guidance
-        assert guidance.entry is None
-    assert trainer_for(configure("loss.search=null"), tmp_path / "free").loss_module.guidance is None
+    assert guidance_of(tmp_path / "free", *shared, "loss.guidance=null") is None
+    both = guidance_of(tmp_path / "both", *shared, "recipe=analytical")
+    assert [guidance.entry for guidance in both] == [0, None]
+    assert guidance_of(tmp_path / "alone", "recipe=analytical").entry is None

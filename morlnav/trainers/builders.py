@@ -206,8 +206,10 @@ def final_discount(cfg: DictConfig, env: NavigationEnv) -> float | list[float]:
 
 def _by_name(key: str, value: Any, names: Collection[str]) -> float | list[float]:
     """A config's number, or one per name, where it names them; ``default`` serves those that it does not name."""
+    if OmegaConf.is_list(value):
+        return [float(entry) for entry in value]
     if not OmegaConf.is_dict(value):
-        return value
+        return float(value)
     missing = [name for name in names if name not in value and "default" not in value]
     if missing:
         raise ValueError(f"{key} names no value for {', '.join(missing)}, and no default.")

@@ -217,11 +217,10 @@ def _by_name(key: str, value: Any, names: Collection[str]) -> float | list[float
 
 
 def _make_scalarisation(cfg: DictConfig, env: NavigationEnv) -> nn.Module:
-    node = cfg.loss.scalarisation
-    if "tie_break" not in node:
-        return instantiate(node)
-    tie_break = _by_name("loss.scalarisation.tie_break", node.tie_break, env.objectives)
-    return build(OmegaConf.masked_copy(node, [key for key in node if key != "tie_break"]), tie_break=tie_break)
+    node, named = cfg.loss.scalarisation, {}
+    if "tie_break" in node:
+        named["tie_break"] = _by_name("loss.scalarisation.tie_break", node.tie_break, env.objectives)
+    return build(node, **named)
 
 
 def _make_guidance(cfg: DictConfig, env: NavigationEnv, name: str, clone: nn.Module) -> Guidance:

@@ -123,4 +123,6 @@ def test_a_clone_guides_the_actor_and_a_search_may_stand_beside_it(demonstration
     assert guidance_of(tmp_path / "free", *shared, "loss.guidance=null") is None
     both = guidance_of(tmp_path / "both", *shared, "recipe=analytical")
     assert [guidance.entry for guidance in both] == [0, None]
-    assert guidance_of(tmp_path / "alone", "recipe=analytical").entry is None
+    for number, words in enumerate([(*shared, "loss.guidance=null"), ()]):
+        assert guidance_of(tmp_path / f"without_{number}", *words, "recipe=analytical").entry is None
+    assert guidance_of(tmp_path / "neither", "recipe=analytical", "loss.search=null") is None

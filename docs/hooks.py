@@ -152,9 +152,10 @@ def _arguments(package: griffe.Module, node: dict[str, Any]) -> str:
         for parameter in target.parameters
         if parameter.name != "self"
     ]
+    link = f'<autoref identifier="{path}" optional><code>{path}</code></autoref>'  # some need an extra to be on a page
     if not rows:
-        return f"[`{path}`][{path}]\n"
-    head = [f"[`{path}`][{path}]", "", "| argument | here | default | meaning |", "| :-- | :-- | :-- | :-- |"]
+        return f"{link}\n"
+    head = [link, "", "| argument | here | default | meaning |", "| :-- | :-- | :-- | :-- |"]
     return "\n".join([*head, *rows, ""])
 
 

@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.evaluation import Audit, audit_reward, evaluation_scenes, write_audit
-from morlnav.modules import NavigationFeatures, load_reward, read_facts, save_reward
+from morlnav.modules import NavigationFeatures, load_reward, read_facts, write_facts
 from morlnav.trainers.builders import build
 from morlnav.trainers.styles import (
     CLONE_FILE,
@@ -51,9 +51,10 @@ def audit_run(
     *,
     cfg: DictConfig | None = None,
     directory: Path | None = None,
+    record: bool = True,
     **settings: Any,
 ) -> Audit:
-    """Audit a saved reward, write tables and figures to ``output``, and the verdict into the reward's facts.
+    """Audit a saved reward, and write the verdict, tables and figures to ``output``.
 
     Args:
         path: of the model, of its folder, or of a run directory.
@@ -63,6 +64,7 @@ def audit_run(
         cfg: of the run that learned the reward, as ``style_config`` shows it to the objective: judge in its world and
             scenes, against its demonstrator, with its scale and offset. Without it, everything is as in the paper.
         directory: of that run, which keeps a clone where no policy demonstrated; where the reward lies by default.
+        record: also write the verdict into the reward's facts.
         settings: arguments of :func:`~morlnav.evaluation.audit_reward`, such as ``offset=1.0``; they win over ``cfg``.
 
     Returns:
@@ -87,9 +89,10 @@ def audit_run(
     scenes = evaluation_scenes(num_scenes, seed=scene_seed, sampler=sampler)
     audit = audit_reward(reward, scenes=scenes, observe_human=all(sees), **parts, **settings)
     output = output or file.parent / "audit"
-    write_audit(audit, output)
-    verdict = {"settings": {"num_scenes": num_scenes, "scene_seed": scene_seed, **settings}, **audit.summary()}
-    save_reward(reward, file, {**read_facts(file)["facts"], "audit": verdict})
+    settings = {"num_scenes": num_scenes, "scene_seed": scene_seed, **settings}
+    write_audit(audit, output, settings)
+    if record:
+        write_facts(file, {**read_facts(file)["facts"], "audit": {"settings": settings, **audit.summary()}})
     return audit
 
 

@@ -15,6 +15,7 @@ from hydra import compose, initialize_config_dir
 from hydra.errors import ConfigCompositionException, HydraException, InstantiationException, MissingConfigException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from torchrl.checkpoint import CheckpointError
 from tqdm import tqdm
 
 
@@ -68,7 +69,14 @@ def one_sentence_errors() -> Iterator[None]:
     except ConfigCompositionException as error:
         key = re.search(r"Could not override '(.+?)'", str(error))
         sys.exit(_unknown_key(key[1]) if key else _first_line(error))
-    except (ValueError, FileNotFoundError, ChildProcessError, OmegaConfBaseException, HydraException) as error:
+    except (
+        ValueError,
+        FileNotFoundError,
+        ChildProcessError,
+        CheckpointError,
+        OmegaConfBaseException,
+        HydraException,
+    ) as error:
         sys.exit(_first_line(error))
 
 

@@ -22,7 +22,7 @@ from morlnav.evaluation.statistics import _interval
 from morlnav.record.plots import COLOURS, INK, _tidy
 from morlnav.trainers.builders import build
 from morlnav.trainers.drex import make_demonstrations, train_clone
-from morlnav.world import Scene
+from morlnav.world import Scene, without_human
 
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000)
@@ -41,9 +41,10 @@ def study_noise(cfg: DictConfig, episodes: int = 20, levels: Sequence[float] = L
         A row per level: ``epsilon``, ``baseline`` (1 pays as much as the whole way to the goal) with its bootstrap
         interval ``baseline_low`` and ``baseline_high``, and the demonstrator's own return ``demonstrator``.
     """
-    clone = train_clone(cfg, make_demonstrations(cfg))
+    clone = _clone(cfg)
     scenes = _free_scenes(cfg, episodes)
-    rollouts = noisy_rollouts(clone, scenes, levels, hold, max_steps=cfg.env.max_steps, seed=cfg.seed)
+    world = build(cfg.world, device="cpu")
+    rollouts = noisy_rollouts(clone, scenes, levels, hold, world=world, max_steps=cfg.env.max_steps, seed=cfg.seed)
     returns = (rollouts["reward"][..., 0] * rollouts["mask"]).sum(-1)
     return _table("epsilon", levels, returns / _whole_way(scenes), cfg, scenes)
 
@@ -62,8 +63,14 @@ def study_number(cfg: DictConfig, episodes: int = 20, numbers: Sequence[int] = N
     scenes, returns = _free_scenes(cfg, episodes), []
     for number in numbers:
         cfg.demonstrations.num = number
-        returns.append(_baseline(train_clone(cfg, make_demonstrations(cfg)), scenes, cfg))
+        returns.append(_baseline(_clone(cfg), scenes, cfg))
     return _table("demonstrations", numbers, torch.stack(returns), cfg, scenes)
+
+
+def _clone(cfg: DictConfig) -> Callable[[Tensor], Tensor]:
+    """The clone, on observations that hold the human's position whether it sees that or not."""
+    clone = train_clone(cfg, make_demonstrations(cfg))
+    return clone if cfg.env.observe_human else lambda observation: clone(without_human(observation))
 
 
 def _demonstrator(cfg: DictConfig) -> Callable[[Tensor], Tensor]:
@@ -82,7 +89,8 @@ def _free_scenes(cfg: DictConfig, count: int) -> Scene:
 
 
 def _drive(policy: Callable[[Tensor], Tensor], scenes: Scene, cfg: DictConfig) -> Rollouts:
-    return Behaviour(lambda observation, _: policy(observation), cfg.env.max_steps).drive(scenes)
+    behaviour = Behaviour(lambda observation, _: policy(observation), cfg.env.max_steps)
+    return behaviour.drive(scenes, world=build(cfg.world, device="cpu"))
 
 
 def _whole_way(scenes: Scene) -> Tensor:

@@ -8,10 +8,11 @@ import torch
 from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
+from yaml import YAMLError
 
-from morlnav.modules import load_reward
+from morlnav.modules import load_reward, load_weights
 from morlnav.trainers.builders import make_base_env, make_networks
-from morlnav.trainers.styles import demonstrated_objectives, style_directory
+from morlnav.trainers.styles import demonstrated_objectives, style_config, style_directory
 
 POLICY_FILE = "policy.pt"
 CONFIG_FILE = "config.yaml"
@@ -58,6 +59,7 @@ def load_config(directory: str | Path, device: str = "cpu") -> DictConfig:
 
     Raises:
         FileNotFoundError: if the directory holds no run.
+        ValueError: if its config is damaged.
 
     Examples:
         >>> import tempfile
@@ -69,7 +71,10 @@ def load_config(directory: str | Path, device: str = "cpu") -> DictConfig:
     path = Path(directory) / CONFIG_FILE
     if not path.is_file():
         raise FileNotFoundError(f"{directory} is not a run directory: it holds no {CONFIG_FILE}.")
-    cfg = OmegaConf.load(path)
+    try:
+        cfg = OmegaConf.load(path)
+    except YAMLError as error:
+        raise ValueError(f"{path} is damaged: it is no YAML.") from error
     cfg.device = device
     for name in demonstrated_objectives(cfg):
         reward = style_directory(path.parent, name) / "reward.pt"
@@ -92,7 +97,7 @@ def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Pol
 
     Raises:
         FileNotFoundError: if the run or its policy is missing.
-        ValueError: if the config names foreign classes and is not trusted.
+        ValueError: if the config names foreign classes and is not trusted, or a file is damaged.
 
     Examples:
         >>> policy = load("results/default")  # doctest: +SKIP
@@ -107,8 +112,7 @@ def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Pol
         raise FileNotFoundError(f"{directory} holds no {POLICY_FILE}: the run has not finished; continue it first.")
     env = make_base_env(cfg, num_envs=1)
     actor, _ = make_networks(cfg, env)
-    actor.load_state_dict(torch.load(path, weights_only=True, map_location=cfg.device))
-    return Policy(actor, env.objectives).eval().requires_grad_(False)
+    return Policy(load_weights(actor, path, device), env.objectives).requires_grad_(False).eval()
 
 
 def check_targets(node: DictConfig) -> None:
@@ -122,10 +126,11 @@ def check_targets(node: DictConfig) -> None:
         Traceback (most recent call last):
         ValueError: This run uses the foreign class elsewhere.World; if it is your own, load it with trust=True.
     """
-    styles = OmegaConf.select(node, "styles") or {}
-    for part in [*BUILT_ON_LOADING, *(f"styles.{name}.{part}" for name in styles for part in BUILT_ON_LOADING)]:
-        if OmegaConf.select(node, part) is not None:
-            _check(part, OmegaConf.to_container(OmegaConf.select(node, part), resolve=False))
+    for name in dict.fromkeys(["demo", *demonstrated_objectives(node)]):
+        view = style_config(node, name)
+        for part in BUILT_ON_LOADING:
+            if (value := OmegaConf.select(view, part)) is not None:
+                _check(part, OmegaConf.to_container(value, resolve=False) if OmegaConf.is_config(value) else value)
 
 
 def _check(key: str, value: object) -> None:

@@ -97,6 +97,37 @@ def test_a_path_through_our_own_modules_to_foreign_code_is_refused(copied_run, t
         morlnav.load(copied_run)
 
 
+@pytest.mark.parametrize("name", ["demo", "wide_left"])
+def test_a_style_of_its_own_brings_no_foreign_class(copied_run, name):
+    reward = {"_target_": "morlnav.envs.DemonstrationObjective", "reward": {"path": "reward.pt"}}
+    change_config(copied_run, f"objectives.{name}", reward)
+    change_config(copied_run, f"styles.{name}.demonstrations.policy._target_", "os.system")
+    with pytest.raises(ValueError, match=r"foreign class os\.system"):
+        morlnav.load(copied_run)
+
+
+def test_the_name_of_an_objective_leads_nowhere_else(copied_run):
+    cfg = OmegaConf.load(copied_run / "config.yaml")
+    cfg.objectives["a.b"] = {"_target_": "morlnav.envs.DemonstrationObjective"}
+    cfg.styles = {"a": {"b": {"demonstrations": {"policy": {"_target_": "os.system"}}}}}
+    OmegaConf.save(cfg, copied_run / "config.yaml")
+    with pytest.raises(ValueError, match=r"must be an identifier, got a\.b"):
+        morlnav.load(copied_run)
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK no weights"])
+def test_damaged_weights_are_named(copied_run, damage):
+    (copied_run / "policy.pt").write_bytes(damage)
+    with pytest.raises(ValueError, match=r"policy\.pt does not hold the weights of this Actor"):
+        morlnav.load(copied_run)
+
+
+def test_a_damaged_config_is_named(copied_run):
+    (copied_run / "config.yaml").write_text("objectives: [")
+    with pytest.raises(ValueError, match=r"config\.yaml is damaged"):
+        morlnav.load(copied_run)
+
+
 def test_an_interpolation_cannot_make_up_a_class(copied_run):
     change_config(copied_run, "networks.features", "${oc.decode:'{_target_: os.system, command: exit}'}")
     with pytest.raises(ValueError, match="holds no interpolation"):

@@ -11,7 +11,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from morlnav.envs import NavigationEnv, Objective, Transition
-from morlnav.world import Contact, Scene, TensorWorld, World
+from morlnav.world import Contact, Scene, TensorWorld, World, without_human
 
 PATIENCE = 20
 """Recording gives up after this many tries per wanted demonstration."""
@@ -176,7 +176,7 @@ def keep_successes(
 def hide_human(data: TensorDict) -> TensorDict:
     """Take the human's position out of the observations of demonstrations ``[N]``, in place."""
     for key in ("observation", ("next", "observation")):
-        data[key] = torch.cat([data[key][:, :2], data[key][:, 4:]], -1)
+        data[key] = without_human(data[key])
     return data
 
 

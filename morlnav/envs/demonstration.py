@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from morlnav.envs.rewards import Transition
+from morlnav.world import without_human
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class DemonstrationObjective:
         """Reward ``[B]``."""
         observation = transition.observation
         if not self.observe_human:
-            observation = torch.cat([observation[:, :2], observation[:, 4:]], -1)
+            observation = without_human(observation)
         return self.scale * (self.reward(observation, transition.action) + self.offset)
 
     def bounds(self, reach: float) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
 from morlnav.envs.rewards import Objective, Transition, default_objectives, reward_bounds
-from morlnav.world import Scene, SceneSampler, TensorWorld, World
+from morlnav.world import Scene, SceneSampler, TensorWorld, World, without_human
 
 
 class NavigationEnv(EnvBase):
@@ -117,7 +117,7 @@ class NavigationEnv(EnvBase):
     def _outputs(self, goal: Tensor, human: Tensor, box: Tensor) -> TensorDict:
         observation = self._observe()
         if not self.observe_human:
-            observation = torch.cat([observation[:, :2], observation[:, 4:]], -1)
+            observation = without_human(observation)
         done = (goal | human | box).unsqueeze(-1)
         out = TensorDict(
             {

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from morlnav.envs import Objective
 from morlnav.evaluation.rollout import Rollouts, evaluate_policy
 from morlnav.modules import CircumnavigationOracle
-from morlnav.world import Scene, World
+from morlnav.world import Scene, TensorWorld, World
 from morlnav.world.geometry import to_frame
 
 RADII = (0.6, 0.75, 1.35, 1.6, 2.0, 2.5)
@@ -58,7 +58,7 @@ class Behaviour:
         )
 
 
-def alternative_behaviours(scenes: Scene, max_steps: int = 250) -> dict[str, Behaviour]:
+def alternative_behaviours(scenes: Scene, max_steps: int = 250, world: World | None = None) -> dict[str, Behaviour]:
     """Alternatives to the demonstration of Sec. III-D.3: too tight, too wide, too late, mirrored, slow or idle.
 
     ====================================  =============================================================================
@@ -76,6 +76,7 @@ def alternative_behaviours(scenes: Scene, max_steps: int = 250) -> dict[str, Beh
     Args:
         scenes: batched ``[S]``; behaviours that follow a path know these scenes alone.
         max_steps: time limit of an episode, which idling and spinning use up; the others may take twice as long.
+        world: whose robot drives, and whose lidar it has; that of the paper by default.
 
     Examples:
         >>> from morlnav.evaluation import evaluation_scenes
@@ -84,12 +85,16 @@ def alternative_behaviours(scenes: Scene, max_steps: int = 250) -> dict[str, Beh
         (14, False)
     """
 
+    world = world or TensorWorld()
+    robot, sectors = world.robot, world.lidar.sectors
+    drive = {"speed": robot.max_speed, "max_turn": robot.max_turn, "step_time": world.step_time}
+
     def oracle(**settings: float) -> Behaviour:
-        policy = CircumnavigationOracle(**settings)
+        policy = CircumnavigationOracle(**drive | {"sectors": sectors} | settings)
         return Behaviour(lambda observation, _: policy(observation), 2 * max_steps)
 
     def follow(**shape: float) -> Behaviour:
-        return Behaviour(PathFollower(scenes, paths_around(scenes, **shape)), 2 * max_steps, has_memory=True)
+        return Behaviour(PathFollower(scenes, paths_around(scenes, **shape), **drive), 2 * max_steps, has_memory=True)
 
     def constant(speed: float, turn: float) -> Behaviour:
         action = torch.tensor([speed, turn])
@@ -101,10 +106,10 @@ def alternative_behaviours(scenes: Scene, max_steps: int = 250) -> dict[str, Beh
         "swerve 0.55": follow(radius=0.55, reach=1.0),
         "taut 1.0": follow(radius=1.0),
         "taut 1.6": follow(radius=1.6),
-        "half speed": oracle(speed=0.25),
+        "half speed": oracle(speed=robot.max_speed / 2),
         "extra loop": follow(radius=1.0, taut=False, loops=1),
         "idle": constant(0.0, 0.0),
-        "spin": constant(0.0, math.pi),
+        "spin": constant(0.0, robot.max_turn),
     }
 
 

@@ -143,9 +143,9 @@ def audit_reward(
         ValueError: if the target reaches the goal in no scene.
     """
     scenes = evaluation_scenes(100) if scenes is None else scenes
-    oracle = CircumnavigationOracle() if oracle is None else oracle
-    alternatives = alternative_behaviours(scenes, max_steps) if alternatives is None else alternatives
     world, thresholds = world or TensorWorld(), thresholds or Thresholds()
+    oracle = CircumnavigationOracle() if oracle is None else oracle
+    alternatives = alternative_behaviours(scenes, max_steps, world) if alternatives is None else alternatives
     rng = np.random.default_rng(seed)
 
     demo = DemonstrationObjective(reward, scale, offset, observe_human)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -23,15 +25,16 @@ FACTS = {
 """What the readable report lists, with its names there."""
 
 
-def write_audit(audit: Audit, directory: str | Path) -> str:
+def write_audit(audit: Audit, directory: str | Path, settings: Mapping[str, Any] | None = None) -> str:
     """Write tables and figures of an audit, and return the report that a person reads first.
 
-    Files: ``behaviours.csv``, ``noise.csv``, ``calibration.csv``, ``plans.csv``, ``audit.json`` (verdict, reasons and
-    facts), ``audit.md``, ``margins.png``, ``noise.png`` and, if the audit planned, ``plans.png``.
+    Files: ``behaviours.csv``, ``noise.csv``, ``calibration.csv``, ``plans.csv``, ``audit.json`` (settings, verdict,
+    reasons and facts), ``audit.md``, ``margins.png``, ``noise.png`` and, if the audit planned, ``plans.png``.
 
     Args:
         audit: from :func:`~morlnav.evaluation.audit_reward`.
         directory: is made if it does not exist; files of an earlier audit in it are replaced.
+        settings: what the audit was done with, for ``audit.json``.
 
     Returns:
         Markdown: the verdict with its reasons, and the tables.
@@ -40,7 +43,8 @@ def write_audit(audit: Audit, directory: str | Path) -> str:
     directory.mkdir(parents=True, exist_ok=True)
     for name in ("behaviours", "noise", "calibration", "plans"):
         getattr(audit, name).to_csv(directory / f"{name}.csv", index=False)
-    (directory / "audit.json").write_text(json.dumps(audit.summary(), indent=2) + "\n", encoding="utf-8")
+    verdict = {"settings": dict(settings or {}), **audit.summary()}
+    (directory / "audit.json").write_text(json.dumps(verdict, indent=2) + "\n", encoding="utf-8")
     report = _report(audit)
     (directory / "audit.md").write_text(report + "\n", encoding="utf-8")
     plot_margins(audit.behaviours).savefig(directory / "margins.png", dpi=150)

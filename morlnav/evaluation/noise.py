@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -15,7 +16,7 @@ from morlnav.data import roll_out_ranked
 from morlnav.envs import Collision, DemonstrationObjective, GoalProgress, NavigationEnv, Sum
 from morlnav.evaluation.statistics import _interval
 from morlnav.modules import EpsilonGreedyNoise
-from morlnav.world import Scene, TensorWorld, World
+from morlnav.world import Scene, TensorWorld, World, without_human
 
 
 def noisy_rollouts(
@@ -48,7 +49,7 @@ def noisy_rollouts(
         >>> noisy_rollouts(CircumnavigationOracle(), evaluation_scenes(3), (0.0, 0.5), max_steps=5).batch_size
         torch.Size([2, 3, 5])
     """
-    world = world or TensorWorld()
+    world = copy.copy(world) if world else TensorWorld()
     everywhere = torch.cat([scenes] * len(levels))
     baseline = {"baseline": Sum([GoalProgress(), Collision()], static=True)}
     low, high = world.robot.action_low, world.robot.action_high
@@ -93,7 +94,7 @@ def judge_noise(
     mask = rollouts["mask"].cpu()
     observation, action = rollouts["observation"][rollouts["mask"]], rollouts["action"][rollouts["mask"]]
     if not demo.observe_human:
-        observation = torch.cat([observation[:, :2], observation[:, 4:]], -1)
+        observation = without_human(observation)
     reward = torch.zeros(mask.shape, dtype=torch.float64)
     parts = zip(observation.split(65536), action.split(65536), strict=True)
     reward[mask] = torch.cat([demo.reward(*part) for part in parts]).double().cpu()

@@ -13,7 +13,7 @@ from torch.nn import functional as F
 from morlnav.evaluation.metrics import winding
 from morlnav.evaluation.pose_grid import PoseGrid
 from morlnav.evaluation.rollout import Outcome
-from morlnav.world import Scene, TensorWorld, World
+from morlnav.world import Scene, TensorWorld, World, without_human
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class PathPlanner:
         for heading, row in enumerate(table):
             observation = grid.observation(heading)
             if not self.observe_human:
-                observation = torch.cat([observation[:, :2], observation[:, 4:]], -1)
+                observation = without_human(observation)
             for action, out in zip(grid.action, row, strict=True):
                 out[grid.free] = reward(observation, action.expand(len(observation), 2))
         return (self.scale * (table + self.offset) - self.step_cost) * grid.steps[:, None, None]

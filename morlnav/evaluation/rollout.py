@@ -11,7 +11,7 @@ from tensordict import tensorclass
 from torch import Tensor
 
 from morlnav.envs import Objective, Transition, default_objectives
-from morlnav.world import Scene, SceneSampler, TensorWorld, World
+from morlnav.world import Scene, SceneSampler, TensorWorld, World, without_human
 
 SEED_OFFSET = 2**31
 """Evaluation scenes are seeded from here on, training scenes below it."""
@@ -163,7 +163,7 @@ def evaluate_policy(
         observation = world.observe()
         pose[:, 0], clearance[:, 0] = world.pose, observation[:, lidar:].amin(-1)
         for step in range(max_steps):
-            visible = observation if observe_human else torch.cat([observation[:, :2], observation[:, 4:]], -1)
+            visible = observation if observe_human else without_human(observation)
             preference = schedule[episode, min(step, schedule.shape[1] - 1)]
             action, before = policy(visible, preference), world.pose
             contact = world.step(action)

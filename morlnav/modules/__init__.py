@@ -6,7 +6,7 @@ from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic, ro
 from morlnav.modules.noise import EpsilonGreedyNoise, UniformActions, WanderingNoise
 from morlnav.modules.oracle import CircumnavigationOracle, Oracle, Plan
 from morlnav.modules.passing import PassingOracle, SlowPassingOracle, WaitingOracle
-from morlnav.modules.reward_file import load_reward, read_facts, save_reward
+from morlnav.modules.reward_file import load_reward, load_weights, read_facts, save_reward, write_facts
 from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, RewardModel
 
 __all__ = [
@@ -28,7 +28,9 @@ __all__ = [
     "WaitingOracle",
     "WanderingNoise",
     "load_reward",
+    "load_weights",
     "read_facts",
     "round_products",
     "save_reward",
+    "write_facts",
 ]

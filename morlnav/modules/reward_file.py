@@ -38,11 +38,35 @@ def save_reward(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
         {'audit': {'passed': True}}
     """
     description = {"inputs": list(getattr(model, "inputs", ())), "model": _describe(model), "facts": dict(facts or {})}
-    text = json.dumps(description, indent=2)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
+    _describe_file(path, description)
+    unfinished = path.with_name(f"{path.name}.part")
+    torch.save(model.state_dict(), unfinished)
+    unfinished.replace(path)  # last, and at once: where the weights are, they are whole, and so is the rest
+
+
+def write_facts(path: str | Path, facts: Mapping[str, Any]) -> None:
+    """Replace the facts of a saved reward model; its weights stay as they are.
+
+    Raises:
+        FileNotFoundError: if one of the two files is missing.
+        ValueError: if the description is damaged.
+
+    Examples:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "reward.pt"
+        >>> save_reward(RewardModel(depth=1), path)
+        >>> write_facts(path, {"audit": {"passed": True}})
+        >>> read_facts(path)["facts"]
+        {'audit': {'passed': True}}
+    """
+    _describe_file(Path(path), read_facts(path) | {"facts": dict(facts)})
+
+
+def _describe_file(path: Path, description: Mapping[str, Any]) -> None:
+    text = json.dumps(description, indent=2)  # first, for it may fail
     path.with_suffix(".json").write_text(text + "\n")
-    torch.save(model.state_dict(), path)  # last: where the weights are, the rest is
 
 
 def load_reward(path: str | Path, device: torch.device | str = "cpu") -> nn.Module:
@@ -66,11 +90,32 @@ def load_reward(path: str | Path, device: torch.device | str = "cpu") -> nn.Modu
         torch.Size([4])
     """
     model = _build(read_facts(path)["model"], path)
+    return load_weights(model, path, device).requires_grad_(False)
+
+
+def load_weights(model: nn.Module, path: str | Path, device: torch.device | str = "cpu") -> nn.Module:
+    """The model with the weights that a file holds, in evaluation mode; nothing is unpickled.
+
+    Args:
+        model: takes the weights.
+        path: of a ``state_dict``.
+        device: where to put the model.
+
+    Raises:
+        ValueError: if the file is damaged, or holds the weights of another model.
+
+    Examples:
+        >>> import tempfile
+        >>> path = Path(tempfile.mkdtemp()) / "linear.pt"
+        >>> torch.save(nn.Linear(2, 1).state_dict(), path)
+        >>> load_weights(nn.Linear(2, 1), path)
+        Linear(in_features=2, out_features=1, bias=True)
+    """
     try:
         model.load_state_dict(torch.load(path, weights_only=True, map_location=device))
-    except (RuntimeError, EOFError, TypeError, pickle.UnpicklingError) as error:
-        raise ValueError(f"{path} does not hold the weights that its .json describes; save the model again.") from error
-    return model.to(device).eval().requires_grad_(False)
+    except (RuntimeError, EOFError, TypeError, AttributeError, pickle.UnpicklingError) as error:
+        raise ValueError(f"{path} does not hold the weights of this {type(model).__name__}.") from error
+    return model.to(device).eval()
 
 
 def read_facts(path: str | Path) -> dict[str, Any]:

@@ -32,7 +32,7 @@ class Guidance(nn.Module):
         margin: in units of the scalarised value without the guided objective; below 0 the guide has to be better.
 
     Raises:
-        ValueError: for a negative coefficient or sharpness.
+        ValueError: for a negative coefficient, sharpness or entry.
 
     Examples:
         >>> import torch
@@ -56,6 +56,8 @@ class Guidance(nn.Module):
             raise ValueError(
                 f"Coefficient and sharpness of the guidance must not be negative, got {coefficient} and {sharpness}."
             )
+        if entry is not None and entry < 0:
+            raise ValueError(f"The guided entry is counted from the front, from 0 on, got {entry}.")
         self.guide = guide.requires_grad_(False)
         self.entry = entry
         self.coefficient = coefficient

@@ -165,10 +165,10 @@ class MORLTD3Loss(LossModule):
         self.scalarisation = scalarisation if scalarisation is not None else LinearScalarisation()
         self.angle = angle
         self._angled_critics = angle is not None and angle.critic > 0
-        absent = {"angle_actor": angle is None, "angle_qvalue": not self._angled_critics, "guidance": guidance is None}
-        self.out_keys = [key for key in self.out_keys if not absent.get(key)]
         self.interpolator = interpolator
-        self.guidance = nn.ModuleList(guidance) if isinstance(guidance, Sequence) else guidance
+        self.guidance = nn.ModuleList([guidance] if isinstance(guidance, Guidance) else guidance or [])
+        absent = {"angle_actor": angle is None, "angle_qvalue": not self._angled_critics, "guidance": not self.guidance}
+        self.out_keys = [key for key in self.out_keys if not absent.get(key)]
 
         policy_params = list(actor_network.parameters()) if separate_losses else None
         self.convert_to_functional(actor_network, "actor_network", create_target_params=delay_actor)
@@ -220,7 +220,7 @@ class MORLTD3Loss(LossModule):
                     ("next", keys.done),
                     ("next", keys.terminated),
                     *self.actor_network.in_keys,
-                    *(key for guidance in self._guidances for key in guidance.guide.in_keys),
+                    *(key for guidance in self.guidance for key in guidance.guide.in_keys),
                     *[("next", key) for key in self.actor_network.in_keys],
                     *self.qvalue_network.in_keys,
                     *[("next", key) for key in self.qvalue_network.in_keys if key != keys.action],
@@ -248,7 +248,7 @@ class MORLTD3Loss(LossModule):
         inputs.batch_size = []  # the values get a dimension of critics in front
         with params.to_module(self.qvalue_network, preserve_module_state=False):
             values = self.qvalue_network(inputs).get(self.tensor_keys.state_action_value)
-        return values.unflatten(1, tensordict.batch_size)
+        return values.reshape(len(values), *tensordict.batch_size, values.shape[-1])
 
     def _act(self, tensordict: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
         inputs = tensordict.select(*self.actor_network.in_keys, *self.qvalue_network.in_keys, strict=False)
@@ -280,8 +280,8 @@ class MORLTD3Loss(LossModule):
         value = self._first_value(acted)
         loss = -self._scalarise(tensordict, value)
         metadata = {"state_action_value_actor": value.detach()}
-        if self.guidance is not None:
-            penalty = sum(self._guide(guidance, tensordict, acted, value) for guidance in self._guidances)
+        if self.guidance:
+            penalty = sum(self._guide(guidance, tensordict, acted, value) for guidance in self.guidance)
             metadata["guidance"] = penalty.detach()
             loss = loss + penalty
         if self.angle is not None:
@@ -294,11 +294,6 @@ class MORLTD3Loss(LossModule):
         """Value vectors ``[B, m]`` of the first critic, whose parameters get no gradient."""
         with self._first_critic_params.to_module(self.qvalue_network, preserve_module_state=False):
             return self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
-
-    @property
-    def _guidances(self) -> Sequence[Guidance]:
-        several = isinstance(self.guidance, nn.ModuleList)
-        return self.guidance if several else [self.guidance] if self.guidance is not None else []
 
     def _guide(self, guidance: Guidance, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
         key, guide = self.tensor_keys.action, guidance.guide

@@ -168,10 +168,13 @@ def make_loss(
         scalarisation=_make_scalarisation(cfg, env),
         angle=instantiate(cfg.loss.angles[cfg.loss.angle]),
         interpolator=instantiate(
-            cfg.loss.interpolator, num_objectives=len(env.objectives), num_static=env.num_static
+            cfg.loss.interpolator,
+            num_objectives=len(env.objectives),
+            num_static=env.num_static,
+            steps=cfg.loss.interpolator.get("steps", cfg.evaluation.during.steps),  # every evaluation measures each key
         ).to(env.device),
         reward_bounds=cfg.replay.reward_scale * env.reward_bounds if cfg.loss.get("bounded") else None,
-        guidance=guides if len(guides) > 1 else next(iter(guides), None),
+        guidance=guides,
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=final_discount(cfg, env))
     dtype = product_dtype(cfg.trainer.products, env.device)
@@ -206,8 +209,6 @@ def final_discount(cfg: DictConfig, env: NavigationEnv) -> float | list[float]:
 
 def _by_name(key: str, value: Any, names: Collection[str]) -> float | list[float]:
     """A config's number, or one per name, where it names them; ``default`` serves those that it does not name."""
-    if OmegaConf.is_list(value):
-        return [float(entry) for entry in value]
     if not OmegaConf.is_dict(value):
         return float(value)
     missing = [name for name in names if name not in value and "default" not in value]

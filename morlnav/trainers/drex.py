@@ -24,7 +24,7 @@ from morlnav.cli import stage
 from morlnav.data import SnippetPairs, load_demonstrations, roll_out_ranked, save_demonstrations
 from morlnav.envs import NavigationEnv, default_objectives
 from morlnav.evaluation import Thresholds, evaluate_policy, frechet_distance
-from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, read_facts, save_reward
+from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, load_weights, read_facts, save_reward
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
 from morlnav.trainers.styles import (
@@ -38,14 +38,20 @@ from morlnav.trainers.styles import (
 from morlnav.trainers.supervised import fit
 from morlnav.world import Scene
 
-STAGES = ("world", "env", "demonstrations", "networks.features", "clone", "ranking")
+WORLD = ("world", "env.scenes", "env.max_steps", "env.observe_human")
+STAGES = (*WORLD, "demonstrations", "networks.features", "clone", "ranking")
 """What a reward model depends on."""
 
 
 def stage_directory(cfg: DictConfig, *groups: str) -> Path:
-    """Where a stage keeps its result: named by a hash of every config group it depends on."""
-    content = {group: OmegaConf.to_container(OmegaConf.select(cfg, group), resolve=True) for group in groups}
-    digest = hashlib.sha256(json.dumps([content, cfg.seed], sort_keys=True).encode()).hexdigest()[:12]
+    """Where a stage keeps its result: named by a hash of every part of the config it depends on."""
+    parts = {group: OmegaConf.select(cfg, group) for group in groups}
+    content = {
+        group: OmegaConf.to_container(part, resolve=True) if OmegaConf.is_config(part) else part
+        for group, part in parts.items()
+    }
+    content |= {"seed": cfg.seed, "threads": cfg.threads}  # a seed's result holds for a number of threads
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
     return Path(cfg.cache) / f"{groups[-1]}-{digest}"
 
 
@@ -60,7 +66,7 @@ def _stage(cfg: DictConfig, name: str, path: Path) -> Iterator[bool]:
 
 
 def learn_demonstration_rewards(cfg: DictConfig, directory: Path, logger: Logger | None = None) -> None:
-    """Learn and audit the reward of every demonstrated objective that has no model yet.
+    """Learn and audit the reward of every demonstrated objective that has no model yet; copy those that have one.
 
     Puts ``reward.pt`` and ``audit/`` into :func:`style_directory`, and the model's place into ``cfg``.
 
@@ -68,11 +74,15 @@ def learn_demonstration_rewards(cfg: DictConfig, directory: Path, logger: Logger
         ValueError: if a reward fails its audit and ``audit.required``.
     """
     for name in demonstrated_objectives(cfg):
-        if OmegaConf.select(cfg, f"objectives.{name}.reward.path", default="given") is None:
-            path = style_directory(directory, name) / "reward.pt"
-            if not path.exists():
+        reward, path = cfg.objectives[name].reward, style_directory(directory, name) / "reward.pt"
+        if "path" not in reward:  # a class of the user's own
+            continue
+        if not path.exists():
+            if reward.path is None:
                 _learn_reward(style_config(cfg, name), directory, path, logger)
-            cfg.objectives[name].reward.path = str(path)
+            else:
+                save_reward(load_reward(reward.path), path, read_facts(reward.path)["facts"])
+        reward.path = str(path)
 
 
 def _learn_reward(cfg: DictConfig, directory: Path, path: Path, logger: Logger | None) -> None:
@@ -84,13 +94,14 @@ def _learn_reward(cfg: DictConfig, directory: Path, path: Path, logger: Logger |
         path.parent.mkdir(parents=True, exist_ok=True)
         torch.save(clone.state_dict(), path.parent / CLONE_FILE)
         facts, reasons = judge_clone(cfg, clone, demonstrations)
-    reasons += audit(cfg, directory)["reasons"]
+    verdict = audit(cfg, directory)
+    reasons += verdict["reasons"]
     if cfg.audit.required and reasons:
         raise ValueError(
             f"The learned reward fails its audit ({reasons[0]} See {path.parent / 'audit'}); change the "
             f"pipeline, or train on this reward with audit.required=false."
         )
-    save_reward(model, path, {**read_facts(_reward_file(cfg))["facts"], **facts})
+    save_reward(model, path, {**read_facts(_reward_file(cfg))["facts"], "audit": verdict, **facts})
 
 
 def _label(cfg: DictConfig, name: str) -> str:
@@ -100,7 +111,7 @@ def _label(cfg: DictConfig, name: str) -> str:
 
 def make_demonstrations(cfg: DictConfig) -> TensorDict:
     """Record the demonstrator, or take the recording from the cache."""
-    path = stage_directory(cfg, *STAGES[:3])
+    path = stage_directory(cfg, *WORLD, "demonstrations")
     with _stage(cfg, "demonstrations", path) as done:
         if not done:
             data, tries = build(
@@ -115,13 +126,12 @@ def make_demonstrations(cfg: DictConfig) -> TensorDict:
 
 def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | None = None) -> nn.Module:
     """Clone the demonstrator by regression on its clean actions, or load the clone from the cache."""
-    path = stage_directory(cfg, *STAGES[:5]).with_suffix(".pt")
-    torch.manual_seed(cfg.seed)  # the same clone whether or not an earlier stage came from the cache
-    actor, robot = make_clone(cfg), build(cfg.world.robot)
-    with _stage(cfg, "clone", path) as done:
+    path = stage_directory(cfg, *STAGES[:-1]).with_suffix(".pt")
+    with torch.random.fork_rng(devices=[]), _stage(cfg, "clone", path) as done:
+        torch.manual_seed(cfg.seed)  # the same clone, and the same draws after it, whatever comes from the cache
+        actor, robot = make_clone(cfg), build(cfg.world.robot)
         if done:
-            actor.load_state_dict(torch.load(path, weights_only=True))
-            return actor.eval()
+            return load_weights(actor, path)
         loss = BehaviourCloningLoss(
             TensorDictModule(actor, ["observation"], ["action"]),
             bounds=(robot.action_low, robot.action_high),
@@ -200,10 +210,20 @@ def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tup
     rollouts = make_ranked_rollouts(cfg, clone)
     settings, env = cfg.ranking, _bare_env(cfg, 1)
     split = max(1, int((1 - settings.held_out) * settings.episodes))
+    if split >= settings.episodes:
+        raise ValueError(
+            f"ranking.held_out={settings.held_out} keeps none of ranking.episodes={settings.episodes} per level to "
+            f"choose the reward by; raise one of them."
+        )
     train = SnippetPairs(rollouts[:, :split], settings.snippet)
     held_out = SnippetPairs(rollouts[:, split:], settings.snippet).sample(512)
     members = [
-        build(settings.model, inputs=list(inputs), **bounds_of(env), features=make_features(settings.features, env))
+        build(
+            settings.model,
+            inputs=[key for key in inputs if key != "action" or settings.action],
+            **bounds_of(env),
+            features=make_features(settings.features, env),
+        )
         for inputs in settings.members
     ]
     networks = [TensorDictModule(member, ["observation", "action"], ["reward"]) for member in members]
@@ -234,7 +254,8 @@ def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
             unfinished = report.with_suffix(".part")
             settings = {"num_scenes": cfg.audit.scenes, "scene_seed": cfg.audit.scene_seed, "plans": cfg.audit.plans}
             try:
-                audit_run(_reward_file(cfg), unfinished, cfg=cfg, directory=directory, seed=cfg.seed, **settings)
+                settings |= {"cfg": cfg, "directory": directory, "seed": cfg.seed}
+                audit_run(_reward_file(cfg), unfinished, record=False, **settings)  # other runs share the reward
             except ValueError as error:  # a clone that never arrives cannot stand in for anybody
                 unfinished.mkdir(parents=True, exist_ok=True)
                 (unfinished / "audit.json").write_text(json.dumps({"passed": False, "reasons": [str(error)]}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from functools import partial
 from pathlib import Path
@@ -115,13 +116,17 @@ def _make_collector(cfg: DictConfig, env: TransformedEnv, policy: TensorDictModu
     if cfg.env.num_envs % workers:
         raise ValueError(f"env.num_envs ({cfg.env.num_envs}) must be a multiple of {workers} collectors.")
     share = cfg.env.num_envs // workers
-    makers = [partial(_make_workers_env, cfg, share, cfg.seed * workers + worker) for worker in range(workers)]
+    makers = [partial(_make_workers_env, cfg, share, worker) for worker in range(workers)]
     return build(cfg.collector, create_env_fn=makers, **settings)
 
 
-def _make_workers_env(cfg: DictConfig, num_envs: int, seed: int) -> TransformedEnv:
+def _make_workers_env(cfg: DictConfig, share: int, worker: int) -> TransformedEnv:
+    seed = cfg.seed * cfg.collector.num_collectors + worker
     torch.manual_seed(seed)  # preferences and exploration draw from the worker's global state
-    return make_env(cfg, num_envs, seed)
+    if "offset" in cfg.preferences:  # its environments are those from this number on
+        cfg = copy.deepcopy(cfg)
+        cfg.preferences.offset = worker * share
+    return make_env(cfg, share, seed)
 
 
 def _num_batches(cfg: DictConfig) -> int:

@@ -11,10 +11,20 @@ from torchrl.data import TensorDictReplayBuffer
 
 
 class PickleFreeReplayBuffer(TensorDictReplayBuffer):
-    """A replay buffer without prefetched batches, the one thing that TorchRL would save as a pickle.
+    """A replay buffer that neither saves nor loads pickles: no prefetched batches, and tensors only in its storage.
 
     Arguments as for :class:`torchrl.data.TensorDictReplayBuffer`.
     """
+
+    def loads(self, path: str | Path) -> None:
+        """Load what ``dumps`` wrote.
+
+        Raises:
+            ValueError: if the storage holds a pickle, which tensordict would run.
+        """
+        if pickled := next(Path(path).rglob("*.pickle"), None):
+            raise ValueError(f"{pickled} is a pickle, which no checkpoint of morlnav holds; it was not loaded.")
+        super().loads(path)
 
     def _dump_prefetch_state(self, path: Path, prefetch_state: dict[str, Any]) -> None:
         pass

@@ -6,15 +6,15 @@ import copy
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 
 from morlnav.data import demonstrations_digest
 from morlnav.envs import default_objectives
 from morlnav.evaluation import reference_paths
+from morlnav.modules import load_weights
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
-from morlnav.world import Scene, World
+from morlnav.world import Scene, World, without_human
 
 # In a config, so that stages come from the cache only as long as the recording is the same.
 OmegaConf.register_new_resolver("demonstrations_digest", demonstrations_digest, replace=True)
@@ -24,19 +24,29 @@ DEMONSTRATED = "morlnav.envs.DemonstrationObjective"
 
 
 def demonstrated_objectives(cfg: DictConfig) -> list[str]:
-    """Names of the objectives that come from demonstrations, in order."""
-    return [name for name, node in cfg.get("objectives", {}).items() if node.get("_target_") == DEMONSTRATED]
+    """Names of the objectives that come from demonstrations, in order.
+
+    Raises:
+        ValueError: for a name that is no identifier, since folders and config groups go by it.
+    """
+    names = [name for name, node in cfg.get("objectives", {}).items() if node.get("_target_") == DEMONSTRATED]
+    for name in names:
+        if not name.isidentifier():
+            raise ValueError(f"The name of a demonstrated objective must be an identifier, got {name}.")
+    return names
 
 
 def style_config(cfg: DictConfig, name: str) -> DictConfig:
     """The config as the objective ``name`` sees it, which is told by its ``style``.
 
     The groups in ``styles.name`` take the place of those of the run; whatever learns ``demo`` learns any objective.
+    Rewards are learned on the CPU, for their networks are small.
     """
     view = copy.deepcopy(cfg)
     OmegaConf.set_struct(view, False)
     view.style = name
-    own = OmegaConf.select(cfg, f"styles.{name}")
+    view.device = "cpu"
+    own = (cfg.get("styles") or {}).get(name)
     for group, node in (OmegaConf.to_container(own, resolve=True) if own else {}).items():
         view[group] = node
     return view
@@ -75,13 +85,11 @@ def make_demonstrator(cfg: DictConfig, directory: Path) -> Callable[[Tensor], Te
     weights = style_directory(directory, style_of(cfg)) / CLONE_FILE
     if not weights.is_file():
         return None
-    clone = make_clone(cfg)
-    clone.load_state_dict(torch.load(weights, weights_only=True, map_location="cpu"))
-    clone.eval().requires_grad_(False)
+    clone = load_weights(make_clone(cfg), weights).requires_grad_(False)
 
     def drive(observation: Tensor) -> Tensor:
         if not cfg.env.observe_human:
-            observation = torch.cat([observation[..., :2], observation[..., 4:]], -1)
+            observation = without_human(observation)
         return clone.to(observation.device)(observation)
 
     return drive

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from copy import deepcopy
 
@@ -46,7 +47,7 @@ def fit(
         The held-out loss and further scalars of the best weights, by name.
 
     Raises:
-        ValueError: if ``steps`` is below 1.
+        ValueError: if ``steps`` is below 1, nothing is held out, or the held-out loss is not finite.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -63,6 +64,8 @@ def fit(
     """
     if steps < 1:
         raise ValueError(f"{name} needs at least one step, got {steps}.")
+    if not len(held_out):
+        raise ValueError(f"{name} has no held-out data to choose its weights by; raise its held_out.")
     params = [param for param in loss.parameters() if param.requires_grad]
     optimizer = torch.optim.AdamW(params, lr=lr, weight_decay=weight_decay, fused=True)
     scheduler = OneCycleLR(optimizer, max_lr=lr, total_steps=steps)
@@ -79,6 +82,8 @@ def fit(
             continue
         with torch.no_grad():
             scores = {key: value.mean().item() for key, value in loss(held_out).items()}
+        if not math.isfinite(sum_losses(scores)):
+            raise ValueError(f"{name} diverged: its held-out loss is {sum_losses(scores)} after {step + 1} steps.")
         if logger is not None:
             logger.log_scalar(f"{name}/train_loss", total.item(), step=step + 1)
             for key, value in scores.items():

@@ -130,3 +130,13 @@ class World(ABC):
         pose = state.pop("pose").to(self.device)
         self.reset(Scene(**state, batch_size=pose.shape[:1]))
         self.pose = pose.clone()
+
+
+def without_human(observation: Tensor) -> Tensor:
+    """Raw observations ``[..., 4 + sectors]`` without the human's distance and bearing, ``[..., 2 + sectors]``.
+
+    Examples:
+        >>> without_human(torch.arange(6.0))
+        tensor([0., 1., 4., 5.])
+    """
+    return torch.cat([observation[..., :2], observation[..., 4:]], -1)

@@ -7,9 +7,9 @@ import torch
 from support import configure
 
 from morlnav.audit import audit_run, find_reward, main
-from morlnav.evaluation import Thresholds, alternative_behaviours, audit_reward, evaluation_scenes, write_audit
+from morlnav.evaluation import Outcome, Thresholds, alternative_behaviours, audit_reward, evaluation_scenes, write_audit
 from morlnav.modules import RewardEnsemble, RewardModel, read_facts, save_reward
-from morlnav.world import SceneSampler
+from morlnav.world import DifferentialDrive, Lidar, SceneSampler, TensorWorld
 
 
 @pytest.fixture(scope="module")
@@ -146,3 +146,12 @@ def test_a_run_is_judged_by_its_own_demonstrator_and_scale(tmp_path):
 def test_a_target_that_never_arrives_is_no_target(scenes, ideal):
     with pytest.raises(ValueError, match="goal in no scene"):
         audit_reward(ideal, scenes=scenes[:2], oracle=lambda observation: torch.zeros(len(observation), 2), plans=0)
+
+
+def test_another_robot_and_lidar_are_judged_by_behaviours_of_their_own():
+    world = TensorWorld(DifferentialDrive(max_speed=0.3), Lidar(sectors=60))
+    free = evaluation_scenes(2, sampler=SceneSampler(num_boxes=0))
+    for name in ("radius 1.6", "taut 1.6"):
+        rollouts = alternative_behaviours(free, world=world)[name].drive(free, world=world)
+        assert (rollouts.outcome == Outcome.GOAL).all()
+        assert rollouts.action[..., 0].max() == pytest.approx(0.3)

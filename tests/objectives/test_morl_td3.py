@@ -715,3 +715,14 @@ def test_guidance_teaches_the_actor_and_leaves_guide_and_critics_alone():
 def test_a_repelling_guidance_is_refused():
     with pytest.raises(ValueError, match="must not be negative"):
         Guidance(TensorDictModule(nn.Identity(), ["observation"], ["action"]), coefficient=-1.0)
+
+
+def test_no_guidance_may_be_an_empty_list():
+    loss = make_loss(guidance=[])
+    assert "guidance" not in loss.out_keys
+    assert torch.isfinite(loss(make_batch())["loss_actor"])
+
+
+def test_a_guided_entry_counted_from_the_end_is_refused():
+    with pytest.raises(ValueError, match="from 0 on, got -1"):
+        Guidance(TensorDictModule(torch.nn.Identity(), ["observation"], ["action"]), entry=-1)

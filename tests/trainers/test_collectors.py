@@ -54,3 +54,13 @@ def test_a_dead_worker_ends_the_training_with_a_clear_message(tmp_path):
 def test_environments_must_divide_among_workers(tmp_path):
     with pytest.raises(ValueError, match="must be a multiple of 3 collectors"):
         trainer_for(configure("collector=processes", "collector.num_collectors=3"), tmp_path)
+
+
+def test_the_workers_segments_are_the_whole_preference_space(tmp_path):
+    words = ["collector=processes", "env.num_envs=4", "trainer.frames_per_batch=4", "preferences=segments"]
+    trainer = trainer_for(configure(*words, "trainer.random_frames=0"), tmp_path)
+    try:
+        first = next(iter(trainer.collector))["preference"].reshape(4, -1)[:, 0]
+    finally:
+        trainer.collector.shutdown()
+    assert (first * 4).long().sort().values.tolist() == [0, 1, 2, 3]

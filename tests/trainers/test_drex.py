@@ -117,12 +117,13 @@ def guidance_of(directory, *words):
 def test_a_clone_guides_the_actor_and_a_search_may_stand_beside_it(demonstration_run, tmp_path):
     _, directory = demonstration_run
     shared = [*SMALL, f"cache={directory / 'cache'}", f"objectives.demo.reward.path={directory / 'run' / 'reward.pt'}"]
-    clone = guidance_of(tmp_path / "guided", *shared)
+    (clone,) = guidance_of(tmp_path / "guided", *shared)
     assert clone.entry == 0
     assert clone.guide.module.num_preferences == 0
-    assert guidance_of(tmp_path / "free", *shared, "loss.guidance=null") is None
+    assert len(guidance_of(tmp_path / "free", *shared, "loss.guidance=null")) == 0
     both = guidance_of(tmp_path / "both", *shared, "recipe=analytical")
     assert [guidance.entry for guidance in both] == [0, None]
     for number, words in enumerate([(*shared, "loss.guidance=null"), ()]):
-        assert guidance_of(tmp_path / f"without_{number}", *words, "recipe=analytical").entry is None
-    assert guidance_of(tmp_path / "neither", "recipe=analytical", "loss.search=null") is None
+        (search,) = guidance_of(tmp_path / f"without_{number}", *words, "recipe=analytical")
+        assert search.entry is None
+    assert len(guidance_of(tmp_path / "neither", "recipe=analytical", "loss.search=null")) == 0

@@ -48,3 +48,14 @@ def test_the_best_weights_are_kept_and_it_stops_early():
 def test_no_steps_are_refused():
     with pytest.raises(ValueError, match="at least one step"):
         fit(make_loss()[1], lambda: regression(4), regression(4), steps=0)
+
+
+def test_nothing_held_out_is_refused():
+    with pytest.raises(ValueError, match="no held-out data"):
+        fit(make_loss()[1], lambda: regression(4), regression(0), steps=1, progress_bar=False)
+
+
+def test_a_loss_that_is_no_number_is_named_at_once():
+    broken = regression(4).apply(lambda tensor: tensor * torch.nan)
+    with pytest.raises(ValueError, match="fit diverged: its held-out loss is nan after 1 steps"):
+        fit(make_loss()[1], lambda: regression(4), broken, steps=50, interval=1, progress_bar=False)

@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 import torch
 from support import ANALYTICAL, SMALL, configure, trainer_for
-from torchrl.checkpoint import CheckpointRotation
+from torchrl.checkpoint import CheckpointError, CheckpointRotation
 
 import morlnav.train
 from morlnav.evaluate import evaluate_run
@@ -209,6 +209,12 @@ def test_loading_a_checkpoint_runs_no_code(tmp_path):
     (replay / "prefetch.pkl").write_bytes(pickle.dumps(Bomb()))
     trainer_for(configure(*BRIEF), tmp_path / "again").load_from_file(latest(tmp_path))
     assert not (tmp_path / "ran").exists()
+
+    (replay / "storage" / "other.pickle").write_bytes(pickle.dumps(Bomb()))
+    with pytest.raises(CheckpointError, match="is a pickle"):
+        trainer_for(configure(*BRIEF), tmp_path / "not either").load_from_file(latest(tmp_path))
+    assert not (tmp_path / "ran").exists()
+    (replay / "storage" / "other.pickle").unlink()
 
     torch.save({"bomb": Bomb()}, replay / "transform.t")
     with pytest.raises(Exception, match=r"(?i)weights.only"):

@@ -1,12 +1,15 @@
-"""Epsilon-greedy noise that may hold its random actions, for ranked roll-outs."""
+"""Noise on actions: of exploration, and for ranked roll-outs, where random actions may be held."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import torch
+from tensordict import TensorDictBase
 from torch import Tensor
+from torchrl.modules import AdditiveGaussianModule
 
 from morlnav.modules.networks import ActionBounds
 from morlnav.world.geometry import wrap_angle
@@ -30,6 +33,45 @@ class UniformActions(ActionBounds):
     def forward(self, observation: Tensor) -> Tensor:
         """Actions ``[..., A]`` for observations ``[..., D]``, from torch's global random state."""
         return self.to_action(2 * torch.rand(*observation.shape[:-1], self.low.numel(), device=self.low.device) - 1)
+
+
+class PartlyGreedyNoise(AdditiveGaussianModule):
+    """TorchRL's additive Gaussian noise on the actions of some environments of the batch; the others act greedily.
+
+    A deterministic policy may come to rest where any noise would help it on, such as before an obstacle that it can pass
+    on either side: noisy roll-outs never show that, and what they do not show is not unlearned. Environments that
+    explore to different degrees are as in Ape-X (Horgan et al. 2018).
+
+    Args:
+        greedy: share of the environments (the last batch dimension) without noise, in [0, 1], spread evenly.
+        kwargs: of :class:`torchrl.modules.AdditiveGaussianModule`.
+
+    Raises:
+        ValueError: if ``greedy`` is no share.
+
+    Examples:
+        >>> from tensordict import TensorDict
+        >>> from torchrl.data import Bounded
+        >>> noise = PartlyGreedyNoise(greedy=0.5, spec=Bounded(-1.0, 1.0, shape=(1,)))
+        >>> (noise(TensorDict(action=torch.zeros(4, 1), batch_size=[4]))["action"] == 0).flatten()
+        tensor([False,  True, False,  True])
+    """
+
+    def __init__(self, greedy: float = 0.0, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        if not 0 <= greedy <= 1:
+            raise ValueError(f"greedy must be a share between 0 and 1, got {greedy}.")
+        self.greedy = greedy
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Adds noise to the action where exploration is on."""
+        clean = tensordict.get(self.action_key)
+        tensordict = super().forward(tensordict)
+        if not self.greedy or clean.ndim < 2:
+            return tensordict
+        count = (self.greedy * torch.arange(clean.shape[-2] + 1, device=clean.device)).floor().diff()
+        noisy = tensordict.get(self.action_key)
+        return tensordict.set(self.action_key, torch.where(count.bool().unsqueeze(-1), clean, noisy))
 
 
 class EpsilonGreedyNoise(ActionBounds):

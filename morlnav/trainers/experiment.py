@@ -17,13 +17,13 @@ from torchrl.checkpoint import Checkpoint, CheckpointRotation, GlobalRNGState
 from torchrl.collectors import BaseCollector
 from torchrl.data import ReplayBuffer
 from torchrl.envs import TransformedEnv
-from torchrl.modules import AdditiveGaussianModule
 from torchrl.objectives import SoftUpdate
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer
 
 from morlnav.data import rewarded_transitions, simplex_grid
 from morlnav.evaluation import evaluation_scenes
+from morlnav.modules import PartlyGreedyNoise
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.builders import (
     build,
@@ -150,9 +150,9 @@ def _make_replay(cfg: DictConfig, env: TransformedEnv) -> ReplayBuffer:
     return replay
 
 
-def _make_exploration(cfg: DictConfig, env: TransformedEnv) -> AdditiveGaussianModule:
+def _make_exploration(cfg: DictConfig, env: TransformedEnv) -> PartlyGreedyNoise:
     space = env.base_env.action_spec_unbatched.space
-    return AdditiveGaussianModule(
+    return PartlyGreedyNoise(
         spec=env.base_env.action_spec_unbatched,  # workers hold different numbers of environments
         std=((space.high - space.low) / 2).tolist(),
         annealing_num_steps=_num_batches(cfg),
@@ -187,7 +187,7 @@ def _make_stepper(cfg: DictConfig, loss: MORLTD3Loss, actor: nn.Module) -> MORLT
 
 
 def _register_hooks(
-    cfg: DictConfig, directory: Path, trainer: Trainer, env: TransformedEnv, noise: AdditiveGaussianModule
+    cfg: DictConfig, directory: Path, trainer: Trainer, env: TransformedEnv, noise: PartlyGreedyNoise
 ) -> None:
     base, loss, stepper = env.base_env, trainer.loss_module, trainer.optimization_stepper
     rewards, during = tuple(base.rewards), cfg.evaluation.during

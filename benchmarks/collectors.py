@@ -28,7 +28,7 @@ COLLECTORS = {
     "ray": ["collector=ray"],
     "ray, sync=false": ["collector=ray", "collector.sync=false"],
 }
-FRAMES_PER_UPDATE = 16  # as in trainer=default
+FRAMES_PER_UPDATE = 8  # as in trainer=default
 NEVER = 2**62
 PLAIN = (
     "objectives=[baseline,distance,efficiency]",

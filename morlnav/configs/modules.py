@@ -177,6 +177,24 @@ class WaitingOracleConfig(OracleConfig):
     _target_: str = "morlnav.modules.WaitingOracle"
 
 
+@store("exploration", "partly_greedy_noise")
+@dataclass
+class PartlyGreedyNoiseConfig(PartConfig):
+    """Hydra configuration for :class:`~morlnav.modules.PartlyGreedyNoise`."""
+
+    greedy: float = 0.0
+    spec: Any = None
+    sigma_init: float = 1.0
+    sigma_end: float = 0.1
+    annealing_num_steps: int = 1000
+    mean: float = 0.0
+    std: Any = 1.0
+    action_key: Any = "action"
+    safe: bool = False
+    device: Any = None
+    _target_: str = "morlnav.modules.PartlyGreedyNoise"
+
+
 @store("exploration", "epsilon_greedy_noise")
 @dataclass
 class EpsilonGreedyNoiseConfig(PartConfig, NetworkConfig):

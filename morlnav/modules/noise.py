@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import torch
 from tensordict import TensorDictBase
+from tensordict.utils import NestedKey
 from torch import Tensor
+from torchrl.data import TensorSpec
 from torchrl.modules import AdditiveGaussianModule
 
 from morlnav.modules.networks import ActionBounds
@@ -38,13 +39,14 @@ class UniformActions(ActionBounds):
 class PartlyGreedyNoise(AdditiveGaussianModule):
     """TorchRL's additive Gaussian noise on the actions of some environments of the batch; the others act greedily.
 
-    A deterministic policy may come to rest where any noise would help it on, such as before an obstacle that it can pass
-    on either side: noisy roll-outs never show that, and what they do not show is not unlearned. Environments that
+    A deterministic policy may come to rest where any noise would help it on, such as before an obstacle that it can
+    pass on either side: noisy roll-outs never show that, and what they do not show is not unlearned. Environments that
     explore to different degrees are as in Ape-X (Horgan et al. 2018).
 
     Args:
         greedy: share of the environments (the last batch dimension) without noise, in [0, 1], spread evenly.
-        kwargs: of :class:`torchrl.modules.AdditiveGaussianModule`.
+        spec, sigma_init, sigma_end, annealing_num_steps, mean, std, action_key, safe, device: as for
+            :class:`torchrl.modules.AdditiveGaussianModule`.
 
     Raises:
         ValueError: if ``greedy`` is no share.
@@ -57,8 +59,23 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
         tensor([False,  True, False,  True])
     """
 
-    def __init__(self, greedy: float = 0.0, **kwargs: Any) -> None:
-        super().__init__(**kwargs)
+    def __init__(
+        self,
+        greedy: float = 0.0,
+        spec: TensorSpec | None = None,
+        sigma_init: float = 1.0,
+        sigma_end: float = 0.1,
+        annealing_num_steps: int = 1000,
+        mean: float = 0.0,
+        std: float | Sequence[float] = 1.0,
+        *,
+        action_key: NestedKey = "action",
+        safe: bool = False,
+        device: torch.device | None = None,
+    ) -> None:
+        super().__init__(
+            spec, sigma_init, sigma_end, annealing_num_steps, mean, std, action_key=action_key, safe=safe, device=device
+        )
         if not 0 <= greedy <= 1:
             raise ValueError(f"greedy must be a share between 0 and 1, got {greedy}.")
         self.greedy = greedy

@@ -4,14 +4,16 @@ from itertools import groupby
 
 import pytest
 import torch
+from tensordict import TensorDict
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torchrl.collectors import Collector
+from torchrl.data import Bounded
 from torchrl.envs import Compose, InitTracker, StepCounter, TransformedEnv, set_exploration_type
 from torchrl.envs.utils import ExplorationType
 
 from morlnav.envs import NavigationEnv
 from morlnav.evaluation import evaluate_policy, evaluation_scenes
-from morlnav.modules import Actor, EpsilonGreedyNoise, UniformActions, WanderingNoise
+from morlnav.modules import Actor, EpsilonGreedyNoise, PartlyGreedyNoise, UniformActions, WanderingNoise
 
 LOW, HIGH = [0.0, -3.14], [0.5, 3.14]
 
@@ -192,3 +194,21 @@ def test_uniform_actions_fill_the_bounds_whatever_is_seen():
     assert ((low <= actions) & (actions <= high)).all()
     torch.testing.assert_close(actions.mean(0), (low + high) / 2, atol=0.2, rtol=0)
     torch.testing.assert_close(actions.std(0), (high - low) / 12**0.5, atol=0.1, rtol=0)
+
+
+@pytest.mark.parametrize(("greedy", "quiet"), [(0.0, 0), (0.25, 2), (0.5, 4), (1.0, 8)])
+def test_the_greedy_share_of_environments_acts_without_noise(greedy, quiet):
+    noise = PartlyGreedyNoise(greedy, spec=Bounded(-1.0, 1.0, shape=(2,)))
+    action = noise(TensorDict(action=torch.zeros(3, 8, 2), batch_size=[3, 8]))["action"]
+    still = (action == 0).all(-1)
+    assert (still == still[0]).all()  # the same environments whenever it is asked
+    assert still[0].sum() == quiet
+    single = noise(TensorDict(action=torch.zeros(2)))["action"]
+    assert (single != 0).all()
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        assert (noise(TensorDict(action=torch.zeros(8, 2), batch_size=[8]))["action"] == 0).all()
+
+
+def test_a_greedy_share_above_one_is_refused():
+    with pytest.raises(ValueError, match=r"between 0 and 1, got 1\.5"):
+        PartlyGreedyNoise(1.5)

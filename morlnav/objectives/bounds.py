@@ -1,11 +1,45 @@
-"""Reading the bounds of an action, as several losses need them."""
+"""Bounds of an action, as several losses need them, and of a return."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from tensordict.utils import NestedKey
-from torch import Tensor
+from torch import Tensor, nn
 from torchrl.data import Bounded, Composite, TensorSpec
+
+
+class ReturnBounds(nn.Module):
+    """Keeps values within what bounded rewards can add up to (Andrychowicz et al. 2017, for every entry of a reward).
+
+    An episode may end at any time, so returns lie in ``[min(low, 0), max(high, 0)] / (1 - γ)``.
+
+    Args:
+        low: least reward of a step, ``[m]`` or one number; minus infinity where unknown.
+        high: largest reward of a step.
+
+    Raises:
+        ValueError: if a least reward is above the largest.
+
+    Examples:
+        >>> ReturnBounds(-1.0, [0.0, torch.inf])(torch.tensor([[0.5, 50.0], [-20.0, -20.0]]), torch.tensor(0.9))
+        tensor([[  0.0000,  50.0000],
+                [-10.0000, -10.0000]])
+    """
+
+    def __init__(self, low: Tensor | Sequence[float] | float, high: Tensor | Sequence[float] | float) -> None:
+        super().__init__()
+        least, largest = (torch.as_tensor(bound, dtype=torch.float32) for bound in (low, high))
+        if (least > largest).any():
+            raise ValueError(f"reward_bounds must be (low, high) with low <= high, got {(low, high)}.")
+        self.register_buffer("low", least, persistent=False)
+        self.register_buffer("high", largest, persistent=False)
+
+    def forward(self, value: Tensor, gamma: Tensor) -> Tensor:
+        """Values ``[..., m]``, clamped, for discounts ``[m]`` or one."""
+        ends = (end / (1 - gamma) for end in (self.low.clamp_max(0), self.high.clamp_min(0)))
+        return value.clamp(*(end.nan_to_num(0.0, torch.inf, -torch.inf) for end in ends))  # 0 / 0 without a discount
 
 
 def action_bounds(

@@ -18,7 +18,7 @@ from torchrl.objectives.utils import ValueEstimators, _vmap_func, distance_loss
 from torchrl.objectives.value import TD0Estimator
 
 from morlnav.objectives.angle import AngleTerm
-from morlnav.objectives.bounds import action_bounds
+from morlnav.objectives.bounds import ReturnBounds, action_bounds
 from morlnav.objectives.guidance import Guidance
 from morlnav.objectives.scalarisation import LinearScalarisation
 
@@ -55,9 +55,8 @@ class MORLTD3Loss(LossModule):
         angle: the angle term; ``None`` leaves it out.
         interpolator: maps λ to a value direction ``λ_p`` ``[..., m]``; without one, ``λ_p`` is the weight vector.
         reward_bounds: least and largest reward of a step, each ``[m]`` or one number, infinite where unknown. Targets
-            then stay within what any policy can return, ``[min(low, 0), max(high, 0)] / (1 - γ)``, so that no actor
-            can feed on a critic's overestimate (the clipped targets of hindsight experience replay,
-            Andrychowicz et al. 2017, for every entry of the reward).
+            then stay within what any policy can return (:class:`ReturnBounds`), so that no actor can feed on a critic's
+            overestimate.
         guidance: adds a pull toward a demonstrator's actions to the actor's loss, or pulls toward those of several;
             ``None`` leaves it out.
         separate_losses: keep critic gradients off parameters shared with the actor.
@@ -183,12 +182,7 @@ class MORLTD3Loss(LossModule):
         device = next(self.parameters()).device
         self.register_buffer("min_action", low.to(device))
         self.register_buffer("max_action", high.to(device))
-        bounds = (-torch.inf, torch.inf) if reward_bounds is None else reward_bounds
-        lowest, highest = (torch.as_tensor(bound, dtype=torch.float32, device=device) for bound in bounds)
-        if (lowest > highest).any():
-            raise ValueError(f"reward_bounds must be (low, high) with low <= high, got {reward_bounds}.")
-        self.register_buffer("min_reward", lowest, persistent=False)
-        self.register_buffer("max_reward", highest, persistent=False)
+        self.return_bounds = None if reward_bounds is None else ReturnBounds(*reward_bounds).to(device)
         self._make_vmap()
 
     def _make_vmap(self) -> None:
@@ -347,14 +341,10 @@ class MORLTD3Loss(LossModule):
         for key in (keys.done, keys.terminated):  # the stock estimator wants flags in the reward's shape
             flag = inputs.get(("next", key))
             inputs.set(("next", key), flag.expand_as(next_value))
-        return self._bound(self.value_estimator.value_estimate(inputs)), next_value
-
-    def _bound(self, value: Tensor) -> Tensor:
-        """Values ``[..., m]`` kept within what rewards within their bounds can add up to; an episode may end early."""
-        rest = 1 - self.value_estimator.gamma
-        low, high = self.min_reward.clamp_max(0) / rest, self.max_reward.clamp_min(0) / rest
-        ends = (end.nan_to_num(0.0, torch.inf, -torch.inf) for end in (low, high))  # 0 / 0 where nothing is discounted
-        return value.clamp(*ends)
+        value = self.value_estimator.value_estimate(inputs)
+        return value if self.return_bounds is None else self.return_bounds(
+            value, self.value_estimator.gamma
+        ), next_value
 
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:

@@ -314,7 +314,7 @@ def test_tie_breaks_and_reward_bounds_follow_the_objectives_of_the_config(tmp_pa
     trainer, _ = train_briefly(tmp_path, "loss.scalarisation.tie_break={default: 0.0, efficiency: 0.2}")
     loss = trainer.loss_module
     torch.testing.assert_close(loss.scalarisation.tie_break, torch.tensor([0.0, 0.2]))
-    torch.testing.assert_close(loss.max_reward[1:], torch.tensor([0.0, -0.1]))  # in the learner's unit
+    torch.testing.assert_close(loss.return_bounds.high[1:], torch.tensor([0.0, -0.1]))  # in the learner's unit
 
 
 def test_a_discount_that_is_missing_is_named(tmp_path):

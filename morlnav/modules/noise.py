@@ -45,8 +45,15 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
 
     Args:
         greedy: share of the environments (the last batch dimension) without noise, in [0, 1], spread evenly.
-        spec, sigma_init, sigma_end, annealing_num_steps, mean, std, action_key, safe, device: as for
-            :class:`torchrl.modules.AdditiveGaussianModule`.
+        spec: of the action, whose bounds are kept.
+        sigma_init: factor of the noise at the beginning.
+        sigma_end: and at the end.
+        annealing_num_steps: calls of ``step`` from the one to the other.
+        mean: of the noise.
+        std: of the noise, one number or one per action ``[A]``.
+        action_key: where the action is.
+        safe: project the action once more.
+        device: of the buffers.
 
     Raises:
         ValueError: if ``greedy`` is no share.

@@ -22,7 +22,8 @@ from morlnav.evaluation.statistics import _interval
 from morlnav.record.plots import COLOURS, INK, _tidy
 from morlnav.trainers.builders import build
 from morlnav.trainers.drex import make_demonstrations, train_clone
-from morlnav.world import Scene, without_human
+from morlnav.trainers.styles import on_whole_observations
+from morlnav.world import Scene
 
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000)
@@ -68,9 +69,7 @@ def study_number(cfg: DictConfig, episodes: int = 20, numbers: Sequence[int] = N
 
 
 def _clone(cfg: DictConfig) -> Callable[[Tensor], Tensor]:
-    """The clone, on observations that hold the human's position whether it sees that or not."""
-    clone = train_clone(cfg, make_demonstrations(cfg))
-    return clone if cfg.env.observe_human else lambda observation: clone(without_human(observation))
+    return on_whole_observations(cfg, train_clone(cfg, make_demonstrations(cfg)))
 
 
 def _demonstrator(cfg: DictConfig) -> Callable[[Tensor], Tensor]:

@@ -86,13 +86,12 @@ def make_demonstrator(cfg: DictConfig, directory: Path) -> Callable[[Tensor], Te
     if not weights.is_file():
         return None
     clone = load_weights(make_clone(cfg), weights).requires_grad_(False)
+    return on_whole_observations(cfg, lambda observation: clone.to(observation.device)(observation))
 
-    def drive(observation: Tensor) -> Tensor:
-        if not cfg.env.observe_human:
-            observation = without_human(observation)
-        return clone.to(observation.device)(observation)
 
-    return drive
+def on_whole_observations(cfg: DictConfig, policy: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
+    """The policy on observations that hold the human's position, whether it sees that or not."""
+    return policy if cfg.env.observe_human else lambda observation: policy(without_human(observation))
 
 
 def demonstrated_paths(

@@ -28,7 +28,6 @@ COLLECTORS = {
     "ray": ["collector=ray"],
     "ray, sync=false": ["collector=ray", "collector.sync=false"],
 }
-FRAMES_PER_UPDATE = 8  # as in trainer=default
 NEVER = 2**62
 PLAIN = (
     "objectives=[baseline,distance,efficiency]",
@@ -70,11 +69,11 @@ class Clock:
 def make(case: str, collector: str, overrides: list[str], directory: str) -> Trainer:
     """The trainer of a row, seeded."""
     world, num_envs = case.split(":")
-    updates = max(1, int(num_envs) // FRAMES_PER_UPDATE)
-    size = [f"env.num_envs={num_envs}", f"trainer.frames_per_batch={num_envs}"]
-    size.append(f"trainer.optim_steps_per_batch={updates}")
+    size = [f"world={world}", f"env.num_envs={num_envs}"]
     with initialize_config_dir(conf_dir(), version_base="1.3"):
-        cfg = compose("train", [*PLAIN, *COLLECTORS[collector], f"world={world}", *size, *overrides])
+        cfg = compose("train", [*PLAIN, *COLLECTORS[collector], *size, *overrides])
+    updates = cfg.trainer.optim_steps_per_batch * int(num_envs) // cfg.trainer.frames_per_batch
+    cfg.trainer.frames_per_batch, cfg.trainer.optim_steps_per_batch = int(num_envs), max(1, updates)
     torch.set_num_threads(cfg.threads)
     torch.manual_seed(cfg.seed)
     return make_trainer(cfg, Path(directory), TensorboardCSVLogger("logs", Path(directory)))

@@ -165,7 +165,10 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("--output", type=Path, default=Path("results/peers"))
     args = parser.parse_args(words)
     if args.what == "compare":
-        return print(compare(args.runs))
+        table = compare(args.runs)
+        args.output.mkdir(parents=True, exist_ok=True)
+        (args.output / "comparison.md").write_text(table + "\n")
+        return print(table)
     torch.set_num_threads(1)
     objectives, directory = objectives_with(args.reward), args.output / args.what
     agent, record = train(args.what, 60 * args.minutes, objectives, args.seed)

@@ -1,6 +1,7 @@
 """Exported policies act as the original does, wherever they run."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -11,10 +12,12 @@ import torch
 import morlnav
 from morlnav.export import export_policy
 
+RESULTS = Path(__file__).parents[1] / "results"
 
-@pytest.fixture(scope="module")
-def policy(smoke_run):
-    return morlnav.load(smoke_run)
+
+@pytest.fixture(scope="module", params=["smoke", "trained"])
+def policy(request, smoke_run):
+    return morlnav.load(smoke_run if request.param == "smoke" else RESULTS / "default")
 
 
 @pytest.fixture(scope="module")
@@ -30,27 +33,33 @@ def inputs(policy, count):
     return observation, preference / preference.sum(-1, keepdim=True)
 
 
+def assert_alike(policy, action, expected):
+    """To 1e-5 in units of half the action's range, as the network computes; ω's is π rad/s."""
+    to_unit = policy.actor.to_unit
+    torch.testing.assert_close(to_unit(action), to_unit(expected), rtol=0, atol=1e-5)
+
+
 @pytest.mark.parametrize("count", [1, 10_000])
 def test_onnx_gives_the_same_actions(policy, exported, count):
     observation, preference = inputs(policy, count)
     session = onnxruntime.InferenceSession(exported["onnx"], providers=["CPUExecutionProvider"])
     (action,) = session.run(["action"], {"observation": observation.numpy(), "preference": preference.numpy()})
-    np.testing.assert_allclose(action, policy(observation, preference).numpy(), rtol=0, atol=1e-5)
+    assert_alike(policy, torch.from_numpy(action), policy(observation, preference))
 
 
 @pytest.mark.parametrize("count", [1, 10_000])
 def test_the_exported_program_gives_the_same_actions(policy, exported, count):
     observation, preference = inputs(policy, count)
     action = torch.export.load(exported["pt2"]).module()(observation, preference)
-    torch.testing.assert_close(action, policy(observation, preference), rtol=0, atol=1e-5)
+    assert_alike(policy, action, policy(observation, preference))
 
 
 def test_the_preference_stays_an_input(policy, exported):
     observation, _ = inputs(policy, 5)
     session = onnxruntime.InferenceSession(exported["onnx"], providers=["CPUExecutionProvider"])
+    corners = np.eye(len(policy.objectives), dtype=np.float32)
     one, other = (
-        session.run(None, {"observation": observation.numpy(), "preference": np.eye(2, dtype=np.float32)[[i] * 5]})[0]
-        for i in (0, 1)
+        session.run(None, {"observation": observation.numpy(), "preference": corners[[i] * 5]})[0] for i in (0, 1)
     )
     assert (one != other).any()
 

@@ -23,7 +23,8 @@ def test_they_train_and_are_evaluated_in_our_scenes(name, tmp_path):
     assert "Hypervolume" in table
     assert len(pd.read_csv(tmp_path / "evaluation" / "episodes.csv")) == 2 * 2
     json.dumps(record)
-    assert EXAMPLE["compare"]([tmp_path]).count("\n") == 2
+    EXAMPLE["main"](["compare", str(tmp_path), "--output", str(tmp_path / "peers")])
+    assert (tmp_path / "peers" / "comparison.md").read_text().count("\n") == 3
 
 
 def test_static_objectives_weigh_as_much_as_all_others():

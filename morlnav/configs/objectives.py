@@ -73,7 +73,7 @@ class RankingLossConfig(PartConfig, LossConfig):
 class LinearScalarisationConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.objectives.LinearScalarisation`."""
 
-    static: float = 1.0
+    scale: Any = 1.0
     tie_break: Any = 0.0
     _target_: str = "morlnav.objectives.LinearScalarisation"
 

@@ -9,35 +9,35 @@ from torch import Tensor, nn
 
 
 class LinearScalarisation(nn.Module):
-    """Weights ``[1, …, 1, λ]``: objectives beyond the preference's entries are static, with a fixed weight (Eq. 2).
+    """Weights ``[1, …, 1, c λ]``: objectives beyond the preference's entries are static, with weight one (Eq. 2).
 
     Args:
-        static: weight of the static objectives. Above 1, what must hold under every preference, such as driving without
-            a collision, counts for more against it; 1 is the paper's form.
-        tie_break: added to every preference entry, or one number for each ``[n]``. A small positive value makes the
+        scale: ``c``, of every preference entry, or one number for each ``[n]``. Below 1, a style counts for less
+            against the static objectives: driving without a collision must pay under every preference. 1 is the
+            paper's form.
+        tie_break: added to every scaled entry, or one number for each ``[n]``. A small positive value makes the
             scalarised optimum unique where a preference of zero would leave an objective free (augmented weighted
             sum); 0 is the paper's form.
 
     Raises:
-        ValueError: if ``static`` is not positive, or ``tie_break`` is negative or of another length than preferences.
+        ValueError: if a scale is not positive or a tie break is negative.
 
     Examples:
         >>> LinearScalarisation()(torch.tensor([0.25, 0.75]), 3)
         tensor([1.0000, 0.2500, 0.7500])
-        >>> LinearScalarisation(tie_break=[0.0, 0.25])(torch.tensor([1.0, 0.0]), 3)
-        tensor([1.0000, 1.0000, 0.2500])
-        >>> LinearScalarisation(static=2.0)(torch.tensor([0.25, 0.75]), 3)
-        tensor([2.0000, 0.2500, 0.7500])
+        >>> LinearScalarisation(scale=[0.5, 1.0], tie_break=[0.0, 0.25])(torch.tensor([1.0, 0.0]), 3)
+        tensor([1.0000, 0.5000, 0.2500])
     """
 
+    scale: Tensor
     tie_break: Tensor
 
-    def __init__(self, static: float = 1.0, tie_break: float | Sequence[float] = 0.0) -> None:
+    def __init__(self, scale: float | Sequence[float] = 1.0, tie_break: float | Sequence[float] = 0.0) -> None:
         super().__init__()
-        if static <= 0:
-            raise ValueError(f"The weight of static objectives must be positive, got {static}.")
-        self.static = static
-        self.register_buffer("tie_break", torch.as_tensor(tie_break, dtype=torch.float32), persistent=False)
+        for name, value in (("scale", scale), ("tie_break", tie_break)):
+            self.register_buffer(name, torch.as_tensor(value, dtype=torch.float32), persistent=False)
+        if (self.scale <= 0).any():
+            raise ValueError(f"scale must be positive, got {scale}.")
         if (self.tie_break < 0).any():
             raise ValueError(f"tie_break must not be negative, got {tie_break}.")
 
@@ -45,16 +45,16 @@ class LinearScalarisation(nn.Module):
         """Weights ``[..., m]`` for preferences ``[..., n]``, ``n <= m = num_objectives``.
 
         Raises:
-            ValueError: if there are more preference entries than objectives.
+            ValueError: if there are more preference entries than objectives, or another number than of scales or tie
+                breaks.
         """
-        num_static = num_objectives - preference.shape[-1]
-        if num_static < 0:
+        static = num_objectives - preference.shape[-1]
+        if static < 0:
             raise ValueError(
                 f"A preference of {preference.shape[-1]} entries cannot weigh {num_objectives} objectives."
             )
-        if self.tie_break.ndim and len(self.tie_break) != preference.shape[-1]:
-            raise ValueError(
-                f"{len(self.tie_break)} tie_breaks cannot serve {preference.shape[-1]} preference entries."
-            )
-        static = preference.new_full((*preference.shape[:-1], num_static), self.static)
-        return torch.cat([static, preference + self.tie_break], -1)
+        for name, value in self.named_buffers():
+            if value.ndim and len(value) != preference.shape[-1]:
+                raise ValueError(f"{name} has {len(value)} entries, the preference {preference.shape[-1]}.")
+        ones = preference.new_ones(*preference.shape[:-1], static)
+        return torch.cat([ones, self.scale * preference + self.tie_break], -1)

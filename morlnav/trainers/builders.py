@@ -218,9 +218,12 @@ def _by_name(key: str, value: Any, names: Collection[str]) -> float | list[float
 
 
 def _make_scalarisation(cfg: DictConfig, env: NavigationEnv) -> nn.Module:
-    node, named = cfg.loss.scalarisation, {}
-    if "tie_break" in node:
-        named["tie_break"] = _by_name("loss.scalarisation.tie_break", node.tie_break, env.objectives)
+    node = cfg.loss.scalarisation
+    named = {
+        name: _by_name(f"loss.scalarisation.{name}", node[name], env.objectives)
+        for name in ("scale", "tie_break")
+        if name in node
+    }
     return build(node, **named)
 
 
@@ -235,6 +238,7 @@ def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
     scale = RewardScaling(loc=0.0, scale=cfg.replay.reward_scale, in_keys=[("next", "reward")])
     return PickleFreeReplayBuffer(
         storage=LazyTensorStorage(int(cfg.replay.capacity), device=cfg.device),
+        sampler=build(cfg.replay.sampler),
         batch_size=cfg.trainer.batch_size,
         transform=Compose(relabel, scale),
     )

@@ -640,17 +640,17 @@ def test_ties_may_be_broken_by_some_objectives_alone():
     torch.testing.assert_close(weights, torch.tensor([[1.0, 1.0, 0.3], [1.0, 0.0, 1.3]]))
 
 
-def test_static_objectives_may_weigh_more_than_styles():
-    weights = LinearScalarisation(static=1.5, tie_break=[0.0, 0.3])(torch.tensor([1.0, 0.0]), 4)
-    torch.testing.assert_close(weights, torch.tensor([1.5, 1.5, 1.0, 0.3]))
-    with pytest.raises(ValueError, match="weight of static objectives must be positive, got 0"):
-        LinearScalarisation(static=0)
+def test_styles_may_weigh_less_than_static_objectives():
+    weights = LinearScalarisation(scale=[0.5, 1.0], tie_break=[0.0, 0.3])(torch.tensor([[1.0, 0.0], [0.0, 1.0]]), 4)
+    torch.testing.assert_close(weights, torch.tensor([[1.0, 1.0, 0.5, 0.3], [1.0, 1.0, 0.0, 1.3]]))
 
 
-def test_wrong_tie_breaks_are_named():
+def test_wrong_scales_and_tie_breaks_are_named():
+    with pytest.raises(ValueError, match="scale must be positive"):
+        LinearScalarisation(scale=0.0)
     with pytest.raises(ValueError, match="tie_break must not be negative"):
         LinearScalarisation(tie_break=[0.1, -0.1])
-    with pytest.raises(ValueError, match="2 tie_breaks cannot serve 3 preference entries"):
+    with pytest.raises(ValueError, match="tie_break has 2 entries, the preference 3"):
         LinearScalarisation(tie_break=[0.1, 0.1])(torch.rand(4, 3), 4)
 
 

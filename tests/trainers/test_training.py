@@ -128,8 +128,9 @@ def test_one_seed_is_one_result(tmp_path):
             ],
         ),
         (7, ["replay.capacity=64", "replay.relabel.share=0.75", "replay.relabel.num_relabels=2"]),  # the buffer is full
+        (7, ["replay=prioritised", "replay.relabel.num_relabels=2"]),
     ],
-    ids=["random", "episodes", "pymunk", "overwriting"],
+    ids=["random", "episodes", "pymunk", "overwriting", "prioritised"],
 )
 def test_a_resumed_training_equals_an_unbroken_one_bit_for_bit(batches, overrides, tmp_path):
     cfg = configure(
@@ -310,9 +311,14 @@ def test_discounts_may_differ_between_the_entries_of_the_reward(tmp_path):
     torch.testing.assert_close(trainer.loss_module.value_estimator.gamma, torch.tensor([0.997, 0.99, 0.97]))
 
 
-def test_tie_breaks_and_reward_bounds_follow_the_objectives_of_the_config(tmp_path):
-    trainer, _ = train_briefly(tmp_path, "loss.scalarisation.tie_break={default: 0.0, efficiency: 0.2}")
+def test_scales_tie_breaks_and_reward_bounds_follow_the_objectives_of_the_config(tmp_path):
+    trainer, _ = train_briefly(
+        tmp_path,
+        "loss.scalarisation.scale.distance=0.7",
+        "loss.scalarisation.tie_break={default: 0.0, efficiency: 0.2}",
+    )
     loss = trainer.loss_module
+    torch.testing.assert_close(loss.scalarisation.scale, torch.tensor([0.7, 1.0]))
     torch.testing.assert_close(loss.scalarisation.tie_break, torch.tensor([0.0, 0.2]))
     torch.testing.assert_close(loss.return_bounds.high[1:], torch.tensor([0.0, -0.1]))  # in the learner's unit
 

@@ -314,7 +314,7 @@ def test_discounts_may_differ_between_the_entries_of_the_reward(tmp_path):
 def test_scales_tie_breaks_and_reward_bounds_follow_the_objectives_of_the_config(tmp_path):
     trainer, _ = train_briefly(
         tmp_path,
-        "loss.scalarisation.scale={default: 1.0, distance: 0.7}",
+        "loss.scalarisation.scale.distance=0.7",
         "loss.scalarisation.tie_break={default: 0.0, efficiency: 0.2}",
     )
     loss = trainer.loss_module

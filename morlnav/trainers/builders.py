@@ -241,4 +241,5 @@ def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
         sampler=build(cfg.replay.sampler),
         batch_size=cfg.trainer.batch_size,
         transform=Compose(relabel, scale),
+        generator=torch.Generator(cfg.device).manual_seed(cfg.seed),  # else PrioritizedSampler draws by NumPy
     )

@@ -170,19 +170,18 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Drive every robot for one control step; those whose episode had ended begin a new one instead."""
-        began = self._ended.copy()
+        began = torch.from_numpy(self._ended)
         batch = TensorDict({"action": torch.as_tensor(np.asarray(actions, np.float32))}, [self.num_envs])
         state = self._env.step(batch)["next"]
         if began.any():
-            fresh = self._env.reset(TensorDict({"_reset": torch.from_numpy(began).unsqueeze(-1)}, [self.num_envs]))
-            state = state.update(fresh)
-        reward = np.where(began[:, None], 0, state["reward"].numpy()).astype(np.float32)
-        terminated = state["terminated"].squeeze(-1).numpy() & ~began
-        self._steps = np.where(began, 0, self._steps + 1)
+            fresh = self._env.reset(TensorDict({"_reset": began.unsqueeze(-1)}, [self.num_envs]))
+            state = fresh.where(began, state, pad=0)  # the step that begins an episode has no reward
+        terminated = state["terminated"].squeeze(-1).numpy()
+        self._steps = np.where(self._ended, 0, self._steps + 1)
         late = self.max_episode_steps is not None and self._steps >= self.max_episode_steps
-        truncated = late & ~terminated & ~began
+        truncated = late & ~terminated
         self._ended = terminated | truncated
-        return state["observation"].numpy(), reward, terminated, truncated, _info(state)
+        return state["observation"].numpy(), state["reward"].numpy(), terminated, truncated, _info(state)
 
 
 def _spaces(env: NavigationEnv) -> tuple[spaces.Box, spaces.Box, spaces.Box]:

@@ -151,6 +151,20 @@ def test_finished_robots_begin_anew_at_the_next_step():
         ended = terminated | truncated
 
 
+def test_a_collision_ends_an_episode_also_while_others_begin_anew():
+    envs = gymnasium.make_vec(ENV_ID, num_envs=64)
+    envs.reset(seed=0)
+    began, together = False, 0
+    for _ in range(150):
+        _, reward, terminated, truncated, info = envs.step(np.tile(np.float32([0.5, 0.0]), (64, 1)))
+        collided = reward[:, 0] < -900
+        assert (collided == (info["human"] | info["box"])).all()
+        assert (terminated == (collided | info["goal"])).all()
+        together += began and collided.sum()
+        began = (terminated | truncated).any()
+    assert together > 0
+
+
 @pytest.mark.parametrize("mode", ["rgb_array", "human"])
 def test_scenes_are_drawn(mode):
     matplotlib.use("Agg")

@@ -12,6 +12,7 @@ from support import ANALYTICAL, SMALL
 
 CHECKOUT = Path(__file__).parents[1]
 SWEEPS = {
+    "basic": ["seed=0,1"],
     "joblib": ["hydra/launcher=joblib", "seed=0,1"],
     "ray": ["hydra/launcher=ray", "+hydra.launcher.ray.init.include_dashboard=false", "seed=0,1"],
     "submitit": ["hydra/launcher=submitit_local", "seed=0,1"],

@@ -23,6 +23,7 @@ from torchrl.data import Bounded
 
 from morlnav.envs.navigation import NavigationEnv
 from morlnav.record.plots import draw_scene
+from morlnav.world import World
 
 ENV_ID = "morlnav/SocialNavigation-v0"
 MAX_EPISODE_STEPS = 250
@@ -53,9 +54,7 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 5}  # noqa: RUF012  (Gymnasium's attribute)
 
     def __init__(self, render_mode: str | None = None, **settings: Any) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise ValueError(f"render_mode must be one of {self.metadata['render_modes']}, got {render_mode}.")
-        self.render_mode = render_mode
+        self.render_mode = _checked(render_mode, self.metadata["render_modes"])
         self._env = NavigationEnv(num_envs=1, **settings)
         self.observation_space, self.action_space, self.reward_space = _spaces(self._env)
         self.reward_dim = len(self._env.rewards)
@@ -90,11 +89,7 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
         """The scene from above, as an image ``[H, W, 3]`` of ``uint8``; ``None`` without that render mode."""
         if self.render_mode != "rgb_array":
             return None
-        figure = Figure(figsize=(5, 5))
-        self._draw(figure)
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+        return _frame(self._env.world, 0, self._track)
 
     def _show(self) -> None:
         if self.render_mode != "human":
@@ -104,19 +99,8 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
         if self._figure is None:
             self._figure = plt.figure("morlnav", figsize=(5, 5))
         self._figure.clear()
-        self._draw(self._figure)
+        _draw(self._figure, self._env.world, 0, self._track)
         plt.pause(1 / self.metadata["render_fps"])
-
-    def _draw(self, figure: Figure) -> None:
-        world = self._env.world
-        axes = figure.add_subplot()
-        axes.set_aspect("equal", adjustable="datalim")
-        draw_scene(axes, world.scene[0].cpu(), world.human_radius, world.robot.radius)
-        track, (x, y, heading) = torch.stack(self._track).cpu(), world.pose[0].tolist()
-        axes.plot(track[:, 0], track[:, 1], color="#2456d6")
-        axes.add_patch(Circle((x, y), world.robot.radius, color="#2456d6"))
-        tip = (x + 2 * world.robot.radius * math.cos(heading), y + 2 * world.robot.radius * math.sin(heading))
-        axes.plot([x, tip[0]], [y, tip[1]], color="#2456d6")
 
     def close(self) -> None:
         """Close the window."""
@@ -135,7 +119,11 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
     Args:
         num_envs: robots side by side.
         max_episode_steps: time limit of an episode; ``None`` for none.
+        render_mode: ``"rgb_array"``, drawn with matplotlib.
         settings: arguments of :class:`NavigationEnv`, such as ``objectives`` or ``world``.
+
+    Raises:
+        ValueError: for an unknown render mode.
 
     Examples:
         >>> import gymnasium, morlnav
@@ -145,9 +133,20 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
         (4, 3)
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012  (Gymnasium's attribute)
+    metadata = {  # noqa: RUF012  (Gymnasium's attribute)
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+        "render_modes": ["rgb_array"],
+        "render_fps": SocialNavigation.metadata["render_fps"],
+    }
 
-    def __init__(self, num_envs: int = 1, max_episode_steps: int | None = MAX_EPISODE_STEPS, **settings: Any) -> None:
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int | None = MAX_EPISODE_STEPS,
+        render_mode: str | None = None,
+        **settings: Any,
+    ) -> None:
+        self.render_mode = _checked(render_mode, self.metadata["render_modes"])
         self._env = NavigationEnv(num_envs=num_envs, **settings)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space, self.reward_space = _spaces(self._env)
@@ -158,6 +157,7 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
         self.max_episode_steps = max_episode_steps
         self._steps = np.zeros(num_envs, int)
         self._ended = np.zeros(num_envs, bool)
+        self._tracks: list[list[Tensor]] = [[] for _ in range(num_envs)]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
         """Begin an episode in every environment; ``options={"scene": scenes}`` begins them in given scenes."""
@@ -166,23 +166,61 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
             self._env.set_seed(seed)
         state = self._env.reset(**(options or {}))
         self._steps[:], self._ended[:] = 0, False
+        self._record(state["pose"])
         return state["observation"].numpy(), _info(state)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Drive every robot for one control step; those whose episode had ended begin a new one instead."""
-        began = self._ended.copy()
+        began = torch.from_numpy(self._ended)
         batch = TensorDict({"action": torch.as_tensor(np.asarray(actions, np.float32))}, [self.num_envs])
         state = self._env.step(batch)["next"]
         if began.any():
-            fresh = self._env.reset(TensorDict({"_reset": torch.from_numpy(began).unsqueeze(-1)}, [self.num_envs]))
-            state = state.update(fresh)
-        reward = np.where(began[:, None], 0, state["reward"].numpy()).astype(np.float32)
-        terminated = state["terminated"].squeeze(-1).numpy() & ~began
-        self._steps = np.where(began, 0, self._steps + 1)
+            fresh = self._env.reset(TensorDict({"_reset": began.unsqueeze(-1)}, [self.num_envs]))
+            state = fresh.where(began, state, pad=0)  # the step that begins an episode has no reward
+        terminated = state["terminated"].squeeze(-1).numpy()
+        self._steps = np.where(self._ended, 0, self._steps + 1)
         late = self.max_episode_steps is not None and self._steps >= self.max_episode_steps
-        truncated = late & ~terminated & ~began
+        truncated = late & ~terminated
+        self._record(state["pose"])
         self._ended = terminated | truncated
-        return state["observation"].numpy(), reward, terminated, truncated, _info(state)
+        return state["observation"].numpy(), state["reward"].numpy(), terminated, truncated, _info(state)
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Every scene from above, as images ``[H, W, 3]`` of ``uint8``; ``None`` without a render mode."""
+        if self.render_mode is None:
+            return None
+        return tuple(_frame(self._env.world, index, track) for index, track in enumerate(self._tracks))
+
+    def _record(self, poses: Tensor) -> None:
+        if self.render_mode is None:
+            return
+        for index, (step, pose) in enumerate(zip(self._steps, poses, strict=True)):
+            self._tracks[index] = [*self._tracks[index][:step], pose[:2]]
+
+
+def _checked(render_mode: str | None, modes: list[str]) -> str | None:
+    if render_mode not in (None, *modes):
+        raise ValueError(f"render_mode must be one of {modes}, got {render_mode}.")
+    return render_mode
+
+
+def _draw(figure: Figure, world: World, index: int, track: list[Tensor]) -> None:
+    axes = figure.add_subplot()
+    axes.set_aspect("equal", adjustable="datalim")
+    draw_scene(axes, world.scene[index].cpu(), world.human_radius, world.robot.radius)
+    path, (x, y, heading) = torch.stack(track).cpu(), world.pose[index].tolist()
+    axes.plot(path[:, 0], path[:, 1], color="#2456d6")
+    axes.add_patch(Circle((x, y), world.robot.radius, color="#2456d6"))
+    tip = (x + 2 * world.robot.radius * math.cos(heading), y + 2 * world.robot.radius * math.sin(heading))
+    axes.plot([x, tip[0]], [y, tip[1]], color="#2456d6")
+
+
+def _frame(world: World, index: int, track: list[Tensor]) -> np.ndarray:
+    figure = Figure(figsize=(5, 5))
+    _draw(figure, world, index, track)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _spaces(env: NavigationEnv) -> tuple[spaces.Box, spaces.Box, spaces.Box]:

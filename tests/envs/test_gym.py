@@ -1,6 +1,7 @@
 """The environment behind Gymnasium's and MO-Gymnasium's interfaces, under their own checks and wrappers."""
 
 import pickle
+from functools import partial
 
 import gymnasium
 import matplotlib
@@ -8,20 +9,34 @@ import mo_gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium import wrappers
 from gymnasium.utils.env_checker import check_env, data_equivalence
-from mo_gymnasium.wrappers import LinearReward, MONormalizeReward, MORecordEpisodeStatistics
-from mo_gymnasium.wrappers.vector import MOSyncVectorEnv
+from mo_gymnasium.wrappers import (
+    LinearReward,
+    MOClipReward,
+    MOMaxAndSkipObservation,
+    MONormalizeReward,
+    MORecordEpisodeStatistics,
+    vector,
+)
 
 from morlnav import NavigationEnv
-from morlnav.envs import ENV_ID, Efficiency, SocialNavigation
+from morlnav.envs import ENV_ID, Efficiency, SocialNavigation, SocialNavigationVector
 from morlnav.evaluation import evaluation_scenes
 from morlnav.world import PymunkWorld
+
+ONE_OR_MANY = pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
 
 
 @pytest.fixture
 def env():
     with gymnasium.make(ENV_ID) as env:
         yield env
+
+
+@pytest.fixture(autouse=True)
+def _no_window():
+    matplotlib.use("Agg")
 
 
 class FreshLinearReward(LinearReward):
@@ -34,15 +49,18 @@ class FreshLinearReward(LinearReward):
 
 @pytest.mark.parametrize("weight", [None, [0.5, 0.25, 0.25]])
 def test_gymnasiums_checker_has_no_complaint_under_a_linear_reward(weight, recwarn):
-    with SocialNavigation() as env:
-        check_env(FreshLinearReward(env, None if weight is None else np.array(weight)), skip_render_check=True)
+    with gymnasium.make(ENV_ID, render_mode="rgb_array") as env:
+        check_env(FreshLinearReward(env, None if weight is None else np.array(weight)))  # in every render mode
     # It is wrapped, speaks in SI units, and distances know no bound.
     allowed = ("different from the unwrapped", "symmetric and normalized", "maximum value is infinity")
     complaints = [str(warning.message) for warning in recwarn]
     assert [text for text in complaints if not any(part in text for part in allowed)] == []
 
 
-def test_one_seed_is_one_episode(env):
+@ONE_OR_MANY
+def test_one_seed_is_one_episode(make):
+    env = make(ENV_ID)
+
     def episode(seed):
         env.action_space.seed(3)
         return [env.reset(seed=seed), *(env.step(env.action_space.sample()) for _ in range(5))]
@@ -97,25 +115,48 @@ def test_settings_reach_the_environment():
         assert env.unwrapped.objectives == ("efficiency",)
 
 
-def test_environments_can_be_pickled(env):
+@ONE_OR_MANY
+def test_environments_can_be_pickled(make):
+    env = make(ENV_ID)
     env.reset(seed=0)
     copy = pickle.loads(pickle.dumps(env))
-    action = np.array([0.3, -1.0], np.float32)
+    action = env.action_space.sample()
     assert data_equivalence(env.step(action), copy.step(action))
 
 
-def test_it_works_under_mo_gymnasiums_wrappers_and_vectors():
-    env = MORecordEpisodeStatistics(MONormalizeReward(mo_gymnasium.make(ENV_ID), 1))
+def test_it_works_under_mo_gymnasiums_wrappers():
+    env = MONormalizeReward(MOMaxAndSkipObservation(mo_gymnasium.make(ENV_ID), skip=5), 1)
+    env = MORecordEpisodeStatistics(MOClipReward(env, 0, -1, 0))
     env.reset(seed=0)
-    for _ in range(250):
+    for _ in range(50):
         *_, terminated, truncated, info = env.step(np.zeros(2, np.float32))
     assert truncated
     assert not terminated
-    assert info["episode"]["r"].shape == (3,)
+    assert info["episode"]["r"][2] == -10 * 250
 
-    envs = MOSyncVectorEnv([lambda: mo_gymnasium.make(ENV_ID)] * 2)
+
+def test_vectors_of_others_hold_it():
+    envs = vector.MOSyncVectorEnv([lambda: mo_gymnasium.make(ENV_ID)] * 2)
     envs.reset(seed=0)
     assert envs.step(np.zeros((2, 2), np.float32))[1].shape == (2, 3)
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_gymnasiums_vectors_take_it_under_a_linear_reward(mode):
+    envs = gymnasium.make_vec(ENV_ID, 1 if mode == "async" else 2, mode, wrappers=[LinearReward])
+    envs.reset(seed=0)
+    _, reward, *_, info = envs.step(envs.action_space.sample())
+    envs.close()
+    np.testing.assert_allclose(reward, info["vector_reward"].sum(1), rtol=1e-5)
+
+
+def test_mo_gymnasium_records_the_returns_of_many_robots():
+    envs = vector.MORecordEpisodeStatistics(gymnasium.make_vec(ENV_ID, num_envs=2, max_episode_steps=3))
+    envs.reset(seed=0)
+    for _ in range(3):
+        *_, info = envs.step(np.zeros((2, 2), np.float32))
+    assert info["_episode"].all()
+    assert info["episode"]["r"][:, 2].tolist() == [-30, -30]
 
 
 def test_many_robots_share_one_world():
@@ -151,9 +192,23 @@ def test_finished_robots_begin_anew_at_the_next_step():
         ended = terminated | truncated
 
 
+def test_a_collision_ends_an_episode_also_while_others_begin_anew():
+    envs = gymnasium.make_vec(ENV_ID, num_envs=64)
+    envs.reset(seed=0)
+    ended, together = np.zeros(64, bool), 0
+    for _ in range(150):
+        _, reward, terminated, truncated, info = envs.step(np.tile(np.float32([0.5, 0.0]), (64, 1)))
+        collided = reward[:, 0] < -900
+        assert (collided == (info["human"] | info["box"])).all()
+        assert (terminated == (collided | info["goal"])).all()
+        assert all(row in envs.reward_space for row in reward[~ended])
+        together += ended.any() and collided.sum()
+        ended = terminated | truncated
+    assert together > 0
+
+
 @pytest.mark.parametrize("mode", ["rgb_array", "human"])
 def test_scenes_are_drawn(mode):
-    matplotlib.use("Agg")
     with gymnasium.make(ENV_ID, render_mode=mode) as env:
         env.reset(seed=0)
         before = env.render()
@@ -167,6 +222,44 @@ def test_scenes_are_drawn(mode):
         assert (before != after).any()
 
 
-def test_an_unknown_render_mode_is_refused():
+def test_many_robots_are_drawn_each_with_its_path_since_the_last_reset():
+    envs = gymnasium.make_vec(ENV_ID, num_envs=2, max_episode_steps=2, render_mode="rgb_array")
+    single = SocialNavigation(render_mode="rgb_array")
+    actions = np.array([[0.5, 0.0], [0.3, 1.0]], np.float32)
+    envs.reset(seed=0)
+    for steps in (1, 2, 0):  # since the last reset, which the third step is
+        envs.step(actions)
+        scenes, frames = envs._env.world.scene, envs.render()
+        for i, frame in enumerate(frames):
+            single.reset(options={"scene": scenes[i : i + 1]})
+            for _ in range(steps):
+                single.step(actions[i])
+            np.testing.assert_allclose(frame, single.render(), atol=2)
+        assert (frames[0] != frames[1]).any()
+    assert gymnasium.make_vec(ENV_ID).render() is None
+
+
+@pytest.mark.parametrize(
+    ("make", "record", "size"),
+    [
+        (gymnasium.make, wrappers.RecordVideo, [500, 500]),
+        (partial(gymnasium.make_vec, num_envs=2), wrappers.vector.RecordVideo, [1000, 500]),
+    ],
+)
+def test_gymnasium_records_videos(make, record, size, tmp_path):
+    clips = pytest.importorskip("moviepy")
+    env = record(make(ENV_ID, render_mode="rgb_array"), str(tmp_path / "videos"))
+    env.reset(seed=0)
+    for _ in range(4):
+        env.step(env.action_space.sample())
+    env.close()
+    (file,) = tmp_path.rglob("*.mp4")
+    with clips.VideoFileClip(str(file)) as clip:
+        assert clip.size == size
+        assert clip.duration == pytest.approx(5 / env.metadata["render_fps"])
+
+
+@pytest.mark.parametrize("environment", [SocialNavigation, SocialNavigationVector])
+def test_an_unknown_render_mode_is_refused(environment):
     with pytest.raises(ValueError, match="render_mode must be one of"):
-        SocialNavigation(render_mode="hologram")
+        environment(render_mode="hologram")

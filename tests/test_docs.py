@@ -1,13 +1,16 @@
 """The pages' code runs, and what they say on the command line is understood."""
 
+import argparse
 import re
 import runpy
 import shlex
 import sys
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from tensordict.nn import TensorDictModule
 
 import morlnav
@@ -18,7 +21,8 @@ from morlnav.trainers import make_base_env, make_loss, make_networks, make_prefe
 
 ROOT = Path(__file__).parents[1]
 FENCE = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.DOTALL | re.MULTILINE)
-EXTENDING = (ROOT / "docs" / "extending.md").read_text()
+PAGES = {page.stem: page.read_text() for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
+EXTENDING = PAGES.pop("extending")
 
 
 def blocks(text, language, titled=False):
@@ -27,8 +31,28 @@ def blocks(text, language, titled=False):
 
 
 def commands(text):
-    lines = "".join(code for _, code in blocks(text, "bash")).replace("\\\n", "").splitlines()
-    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("morlnav-train")]
+    """Program and arguments of every command of ours."""
+    lines = "".join(code for _, code in blocks(text, "bash")).replace("\\\n", "")
+    found = re.findall(r"^(?:uv run (?:--extra \w+ )?)?(morlnav-.*)", lines, re.MULTILINE)
+    return [tuple(shlex.split(line, comments=True)) for line in found]
+
+
+def runs(words):
+    """The overrides of the first and the last run of a sweep; of an interval, its ends."""
+    first, last = [], []
+    for override in OverridesParser.create().parse_overrides(words):
+        choices = [override.input_line]
+        if override.is_sweep_override():
+            sweep = override.value()
+            values = override.sweep_string_iterator() if override.is_discrete_sweep() else (sweep.start, sweep.end)
+            choices = [f"{override.get_key_element()}={value}" for value in values]
+        first.append(choices[0])
+        last.append(choices[-1])
+    return [first] if first == last else [first, last]
+
+
+class Parsed(Exception):
+    """Holds the arguments of a command that is not carried out."""
 
 
 @pytest.fixture
@@ -44,12 +68,31 @@ def my_parts(tmp_path, monkeypatch):
     sys.modules.pop("my_parts", None)
 
 
-@pytest.mark.parametrize("page", ["quickstart", "concepts"])
-def test_the_code_of_a_page_runs(page, monkeypatch):
-    monkeypatch.chdir(ROOT)
-    code = "\n".join(code for _, code in blocks((ROOT / "docs" / f"{page}.md").read_text(), "python"))
-    assert code
-    exec(compile(code, f"{page}.md", "exec"), {})
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(PAGES[page], "python") and page != "reuse"])
+def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
+    for folder in ("results", "examples"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    monkeypatch.chdir(tmp_path)
+    code = "\n".join(code for _, code in blocks(PAGES[page], "python"))
+    exec(compile(code, page, "exec"), {})
+
+
+@pytest.mark.parametrize("words", sorted(set(commands("\n".join(PAGES.values())))), ids=shlex.join)
+def test_a_command_of_a_page_is_understood(words, monkeypatch):
+    program, *overrides = words
+    if program != "morlnav-train":
+        parse = argparse.ArgumentParser.parse_args
+
+        def stop(parser):
+            raise Parsed(parse(parser, words[1:]))
+
+        monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stop)
+        with pytest.raises(Parsed) as parsed:
+            entry_points(group="console_scripts")[program].load()()
+        overrides = getattr(parsed.value.args[0], "overrides", [])
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        for run in runs([word for word in overrides if word not in ("-m", "--help")]):
+            compose("train", run)
 
 
 def test_the_config_reference_tells_every_choice_and_what_its_arguments_mean():
@@ -68,6 +111,7 @@ def test_parts_of_ones_own_work_without_the_command_line(my_parts):
 
 @pytest.mark.parametrize("words", commands(EXTENDING)[:-1], ids=lambda words: words[-1])
 def test_parts_of_ones_own_are_found_by_their_target(words, my_parts):
+    words = words[1:]
     if "--config-dir" in words:
         words = [*words[2:], f"hydra.searchpath=[file://{my_parts}/{words[1]}]"]
     if not any(word.startswith("objectives=") for word in words):
@@ -87,8 +131,7 @@ def test_parts_of_ones_own_are_found_by_their_target(words, my_parts):
 
 
 def test_all_of_them_train_together_and_load_if_trusted(my_parts, monkeypatch):
-    words = [*commands(EXTENDING)[-1], "threads=1", "trainer.progress_bar=false"]
-    monkeypatch.setattr(sys, "argv", ["morlnav-train", *words])
+    monkeypatch.setattr(sys, "argv", [*commands(EXTENDING)[-1], "threads=1", "trainer.progress_bar=false"])
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     morlnav_train()
     with pytest.raises(ValueError, match="foreign class my_parts"):

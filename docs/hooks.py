@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import html
+import inspect
 import json
 import re
+import warnings
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import griffe
 import yaml
+from hydra.utils import get_object
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
+from omegaconf import OmegaConf
+
+with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # TorchRL's about itself
+    from morlnav.configs import CONFIGS
 
 ROOT = Path(__file__).parents[1]
 CONF = ROOT / "conf"
@@ -24,6 +32,13 @@ CONFIG_INTRO = """# Config reference
 `morlnav-train GROUP=CHOICE KEY=VALUE` swaps parts and changes values; the defaults of a group come first. Every key has
 the name of the argument that it fills, of the class or function that `_target_` names; below each file stand those
 arguments, with the value of the file and the constructor's own default. What has neither is filled in by the program.
+The configs [for TorchRL's trainers](#for-torchrls-trainers) follow at the end.
+"""
+REGISTERED_INTRO = """## For TorchRL's trainers
+
+`import morlnav.configs` registers the following in TorchRL's Hydra groups and in groups of our own, for use in
+[its trainers](reuse.md#by-config-in-torchrls-trainers): `+GROUP=NAME` on the command line, or `GROUP@KEY: NAME` in a
+defaults list. Values of `???` must be given. `_partial_: true` leaves a part unbuilt, as a callable.
 """
 
 
@@ -101,7 +116,8 @@ def _modules(folder: Path) -> str:
 
 
 def _config_page() -> str:
-    package = griffe.load("morlnav", search_paths=[str(ROOT)], resolve_aliases=True)
+    extensions = griffe.load_extensions(Roles)
+    package = griffe.load("morlnav", search_paths=[str(ROOT)], extensions=extensions, resolve_aliases=True)
     train = (CONF / "train.yaml").read_text()
     top = train[train.index("seed:") : train.index("hydra:")]
     parts = [CONFIG_INTRO, f"## Values outside of groups\n\n```yaml\n{top.strip()}\n```\n"]
@@ -113,6 +129,8 @@ def _config_page() -> str:
         parts.append(f"## {group}\n")
         for file in sorted((CONF / group).glob("*.yaml"), key=lambda file: (file.stem not in default, file.stem)):
             parts.append(_config_file(package, group, file, file.stem in default))
+    parts.append(REGISTERED_INTRO)
+    parts += [_registered(package, *key, CONFIGS[key]) for key in sorted(CONFIGS)]
     return "\n".join(parts)
 
 
@@ -157,6 +175,25 @@ def _arguments(package: griffe.Module, node: dict[str, Any]) -> str:
         return f"{link}\n"
     head = [link, "", "| argument | here | default | meaning |", "| :-- | :-- | :-- | :-- |"]
     return "\n".join([*head, *rows, ""])
+
+
+def _registered(package: griffe.Module, group: str, name: str, config: type) -> str:
+    """A table of the fields of a dataclass in Hydra's ``ConfigStore``."""
+    node = OmegaConf.to_container(OmegaConf.structured(config))
+    target = inspect.unwrap(get_object(node["_target_"]))
+    meanings = _meanings(_ours(package, target)) if target.__module__.startswith("morlnav.") else {}
+    rows = [
+        f"| `{field.name}` | `{field.type}` | {_value(node, field.name)} | {meanings.get(field.name, '')} |"
+        for field in fields(config)
+        if not field.name.startswith("_")
+    ]
+    summary = _ours(package, config).docstring.parse("google")[0].value
+    head = ["| field | type | default | meaning |", "| :-- | :-- | :-- | :-- |"]
+    return "\n".join([f"### {group}={name}", "", summary, "", *head, *rows, ""])
+
+
+def _ours(package: griffe.Module, target: type) -> griffe.Class | griffe.Function:
+    return package[f"{target.__module__}.{target.__qualname__}".removeprefix("morlnav.")]
 
 
 def _meanings(target: griffe.Class | griffe.Function) -> dict[str, str]:

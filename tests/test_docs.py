@@ -15,6 +15,7 @@ from tensordict.nn import TensorDictModule
 
 import morlnav
 from morlnav.cli import conf_dir
+from morlnav.configs import CONFIGS
 from morlnav.data import PreferenceSampler
 from morlnav.train import main as morlnav_train
 from morlnav.trainers import make_base_env, make_loss, make_networks, make_preferences
@@ -103,6 +104,9 @@ def test_the_config_reference_tells_every_choice_and_what_its_arguments_mean():
     assert "| `goal_radius` | `0.35` | `0.35` | the goal counts as reached within this distance in metres. |" in page
     inherited = page[page.index("### world=pymunk") : page.index("## env")]
     assert "| `step_time` |  | `0.2` | one control step in seconds (5 Hz). |" in inherited
+    assert all(f"### {group}={name}\n" in page for group, name in CONFIGS)
+    assert "| `rays` | `int` | `720` | rays per revolution. |" in page[page.index("### lidar=planar") :]
+    assert ":class:" not in page
 
 
 def test_parts_of_ones_own_work_without_the_command_line(my_parts):

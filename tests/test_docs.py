@@ -5,7 +5,7 @@ import re
 import runpy
 import shlex
 import sys
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, metadata
 from pathlib import Path
 
 import pytest
@@ -107,6 +107,11 @@ def test_the_config_reference_tells_every_choice_and_what_its_arguments_mean():
     assert all(f"### {group}={name}\n" in page for group, name in CONFIGS)
     assert "| `rays` | `int` | `720` | rays per revolution. |" in page[page.index("### lidar=planar") :]
     assert ":class:" not in page
+
+
+def test_the_quickstart_tells_every_extra():
+    told = re.findall(r"^\| `([\w-]+)` \|", PAGES["quickstart"], re.MULTILINE)
+    assert sorted(told) == sorted(metadata("morlnav").get_all("Provides-Extra"))
 
 
 def test_parts_of_ones_own_work_without_the_command_line(my_parts):

@@ -76,6 +76,7 @@ class AfterstateFeaturesConfig(PartConfig, NetworkConfig):
     step_time: float = 0.2
     observe_human: bool = True
     octaves: int = 4
+    lookahead: Any = ()
     _target_: str = "morlnav.modules.AfterstateFeatures"
 
 

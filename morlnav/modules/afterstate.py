@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 
@@ -10,17 +13,19 @@ from morlnav.world import DifferentialDrive
 
 
 class AfterstateFeatures(nn.Module):
-    """Features of where goal and human will be seen from after one control step (Sutton & Barto, 2018, Sec. 6.8).
+    """Features of what will be seen after one control step (Sutton & Barto, 2018, Sec. 6.8).
 
     A single action changes the return by less than a critic's error. Most of what it does change follows from the
     robot's own motion: a critic that is given this need not learn how bearings turn with ω, and its gradient in the
-    action comes from a value in the state. Exact for a human who stands still, unless a contact ends the step.
+    action comes from a value in the state. Goal and human are exact if the human stands still and no contact ends the
+    step. How much room there will be ahead is known as well as the lidar's sectors tell bearings.
 
     Args:
         robot: how it moves; the robot of Sec. III-B.1 by default.
         step_time: one control step in seconds.
         observe_human: whether the observation holds the human's distance and bearing.
         octaves: Fourier features of the distances, as of :class:`~morlnav.modules.NavigationFeatures`.
+        lookahead: distances straight ahead in metres; at each, how near the closest thing is that the lidar sees.
 
     Attributes:
         out_features: number of features.
@@ -31,7 +36,11 @@ class AfterstateFeatures(nn.Module):
         tensor([2.9000, 0.0000, 1.4000, 0.0000])
         >>> features(torch.zeros(5, 34), torch.zeros(5, 2)).shape
         torch.Size([5, 24])
+        >>> AfterstateFeatures(lookahead=[0.0, 0.5])(torch.zeros(5, 34), torch.zeros(5, 2)).shape
+        torch.Size([5, 28])
     """
+
+    lookahead: Tensor
 
     def __init__(
         self,
@@ -39,12 +48,14 @@ class AfterstateFeatures(nn.Module):
         step_time: float = 0.2,
         observe_human: bool = True,
         octaves: int = 4,
+        lookahead: Sequence[float] = (),
     ) -> None:
         super().__init__()
         self.robot = robot if robot is not None else DifferentialDrive()
         self.step_time = step_time
         self.features = NavigationFeatures(observe_human, sectors=0, use_lidar=False, octaves=octaves)
-        self.out_features = self.features.out_features
+        self.register_buffer("lookahead", torch.tensor(lookahead, dtype=torch.float32), persistent=False)
+        self.out_features = self.features.out_features + 2 * len(lookahead)
 
     def predict(self, observation: Tensor, action: Tensor) -> Tensor:
         """Distances (m) and bearings (rad) after the step, ``[..., 4]`` of goal and human or ``[..., 2]`` of the goal.
@@ -56,6 +67,23 @@ class AfterstateFeatures(nn.Module):
         ahead, left = distance * bearing.cos() - x, distance * bearing.sin() - y
         return torch.stack([torch.hypot(ahead, left), torch.atan2(left, ahead) - turn], -1).flatten(-2)
 
+    def clearance(self, observation: Tensor, action: Tensor) -> Tensor:
+        """How near the closest thing that the lidar sees is to each point ahead, ``[..., len(lookahead)]`` in metres.
+
+        Points lie straight ahead of where the step ends. What a sector sees counts as being in the sector's middle.
+        """
+        scan = observation[..., self.features.in_features :]
+        sectors = torch.arange(scan.shape[-1], device=scan.device)
+        bearing = (sectors + 0.5) * (2 * math.pi / len(sectors)) - math.pi
+        x, y, turn = self.robot.move(action.new_zeros(3), action, self.step_time).split(1, -1)
+        x, y = scan * bearing.cos() - x, scan * bearing.sin() - y
+        ahead, left = turn.cos() * x + turn.sin() * y, turn.cos() * y - turn.sin() * x
+        return torch.hypot(ahead.unsqueeze(-1) - self.lookahead, left.unsqueeze(-1)).amin(-2)
+
     def forward(self, observation: Tensor, action: Tensor) -> Tensor:
         """Features ``[..., out_features]`` of raw observations ``[..., D]`` and actions ``[..., 2]`` (m/s, rad/s)."""
-        return self.features(self.predict(observation, action))
+        features = self.features(self.predict(observation, action))
+        if not len(self.lookahead):
+            return features
+        clearance = self.clearance(observation, action)
+        return torch.cat([features, (-clearance).exp(), 0.3 / (clearance + 0.1) - 0.3], -1)

@@ -53,10 +53,34 @@ def test_without_the_human_only_the_goal_is_moved():
     assert torch.equal(predicted, AfterstateFeatures().predict(before, action)[:, :2])
 
 
+def test_clearance_is_the_nearest_reading_of_the_scan_to_come():
+    before, action, after = driven()
+    module = AfterstateFeatures(lookahead=[0.0, 0.3])
+    here, ahead = module.clearance(before, action).unbind(-1)
+    nearest = after[:, 4:].amin(-1)
+    close = nearest < 1.5
+    assert close.sum() > 30
+    assert (here - nearest)[close].abs().max() < 0.2  # a sector is 12° wide
+    assert (here - nearest)[close].abs().mean() < 0.03
+    further = module.clearance(before, action + torch.tensor([1.5, 0.0]))[:, 0]  # 0.3 m more on a course without a turn
+    straight = action[:, 1].abs() < 0.3
+    torch.testing.assert_close(ahead[straight], further[straight], atol=0.02, rtol=0)
+
+
+def test_clearance_tells_a_turn_that_avoids_a_box_from_one_that_does_not():
+    scan = torch.full((1, 30), 4.0)
+    scan[0, 15:18] = 0.5  # ahead, and to the left
+    observation = torch.cat([torch.tensor([[5.0, 0.0, 4.0, 1.0]]), scan], -1)
+    module = AfterstateFeatures(lookahead=[0.5])
+    left, right = (module.clearance(observation, torch.tensor([[0.5, turn]])) for turn in (2.0, -2.0))
+    assert right > left + 0.1
+
+
 def test_its_gradient_in_the_action_is_that_of_finite_differences():
     before, action, _ = driven()
     before, action = before[:5].double(), action[:5].double().requires_grad_()
-    assert torch.autograd.gradcheck(lambda a: AfterstateFeatures()(before, a), action)
+    features = AfterstateFeatures(lookahead=[0.0, 0.5]).double()
+    assert torch.autograd.gradcheck(lambda a: features(before, a), action)
 
 
 def test_a_critic_sees_what_the_action_leads_to():

@@ -40,8 +40,6 @@ class AfterstateFeatures(nn.Module):
         torch.Size([5, 28])
     """
 
-    lookahead: Tensor
-
     def __init__(
         self,
         robot: DifferentialDrive | None = None,
@@ -54,8 +52,8 @@ class AfterstateFeatures(nn.Module):
         self.robot = robot if robot is not None else DifferentialDrive()
         self.step_time = step_time
         self.features = NavigationFeatures(observe_human, sectors=0, use_lidar=False, octaves=octaves)
-        self.register_buffer("lookahead", torch.tensor(lookahead, dtype=torch.float32), persistent=False)
-        self.out_features = self.features.out_features + 2 * len(lookahead)
+        self.lookahead = tuple(lookahead)
+        self.out_features = self.features.out_features + 2 * len(self.lookahead)
 
     def predict(self, observation: Tensor, action: Tensor) -> Tensor:
         """Distances (m) and bearings (rad) after the step, ``[..., 4]`` of goal and human or ``[..., 2]`` of the goal.
@@ -78,12 +76,12 @@ class AfterstateFeatures(nn.Module):
         x, y, turn = self.robot.move(action.new_zeros(3), action, self.step_time).split(1, -1)
         x, y = scan * bearing.cos() - x, scan * bearing.sin() - y
         ahead, left = turn.cos() * x + turn.sin() * y, turn.cos() * y - turn.sin() * x
-        return torch.hypot(ahead.unsqueeze(-1) - self.lookahead, left.unsqueeze(-1)).amin(-2)
+        return torch.stack([torch.hypot(ahead - distance, left).amin(-1) for distance in self.lookahead], -1)
 
     def forward(self, observation: Tensor, action: Tensor) -> Tensor:
         """Features ``[..., out_features]`` of raw observations ``[..., D]`` and actions ``[..., 2]`` (m/s, rad/s)."""
         features = self.features(self.predict(observation, action))
-        if not len(self.lookahead):
+        if not self.lookahead:
             return features
         clearance = self.clearance(observation, action)
         return torch.cat([features, (-clearance).exp(), 0.3 / (clearance + 0.1) - 0.3], -1)

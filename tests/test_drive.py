@@ -5,9 +5,10 @@ import sys
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
-import pygame
 import pytest
 import torch
+
+pygame = pytest.importorskip("pygame")
 
 from morlnav import drive
 from morlnav.data import (

@@ -4,13 +4,14 @@ import json
 from pathlib import Path
 
 import numpy as np
-import onnx
-import onnxruntime
 import pytest
 import torch
 
 import morlnav
 from morlnav.export import export_policy
+
+onnx = pytest.importorskip("onnx")
+onnxruntime = pytest.importorskip("onnxruntime")
 
 RESULTS = Path(__file__).parents[1] / "results"
 

@@ -26,6 +26,8 @@ SHORT = (ANALYTICAL, "trainer.total_frames=128", "evaluation.episodes=2", "evalu
 
 @pytest.mark.parametrize("sweep", SWEEPS)
 def test_a_sweep_of_two_jobs(sweep, tmp_path):
+    if sweep == "ray":
+        pytest.importorskip("ray")
     command = [sys.executable, "-c", "from morlnav.train import main; main()", "-m", *SMALL, *SHORT, *SWEEPS[sweep]]
     environment = os.environ | {"OMP_NUM_THREADS": "1", "RAY_worker_niceness": "0"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

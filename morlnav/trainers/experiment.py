@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import traceback
 from functools import partial
 from pathlib import Path
 
@@ -50,6 +51,7 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
 
     Raises:
         ValueError: if the numbers in the config contradict each other.
+        ChildProcessError: if a worker process dies at its start.
     """
     settings = cfg.trainer
     _check(cfg)
@@ -117,7 +119,14 @@ def _make_collector(cfg: DictConfig, env: TransformedEnv, policy: TensorDictModu
         raise ValueError(f"env.num_envs ({cfg.env.num_envs}) must be a multiple of {workers} collectors.")
     share = cfg.env.num_envs // workers
     makers = [partial(_make_workers_env, cfg, share, worker) for worker in range(workers)]
-    return build(cfg.collector, create_env_fn=makers, **settings)
+    try:
+        return build(cfg.collector, create_env_fn=makers, **settings)
+    except RuntimeError as error:
+        if not isinstance(error.__cause__, EOFError):
+            raise
+        traceback.clear_frames(error.__traceback__)  # what is left of the collector would hang at exit
+        message = "A collecting process died at its start; for lack of memory? Then lower collector.num_collectors."
+        raise ChildProcessError(message) from error
 
 
 def _make_workers_env(cfg: DictConfig, share: int, worker: int) -> TransformedEnv:

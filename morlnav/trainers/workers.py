@@ -15,6 +15,7 @@ from torchrl.collectors import BaseCollector
 def watched(collector: BaseCollector) -> Iterator[None]:
     """Raise in the main thread when a worker process of ``collector`` dies; TorchRL would wait for it forever.
 
+    Whatever else is raised shuts the workers down too, or the interpreter would wait for them at exit.
     Collectors without processes of their own are left alone, and so are systems without ``SIGUSR1``.
 
     Raises:
@@ -40,12 +41,12 @@ def watched(collector: BaseCollector) -> Iterator[None]:
     threading.Thread(target=watch, daemon=True).start()
     try:
         yield
-    except Exception as error:  # ours, or what TorchRL says of its half-closed workers
-        if not died.is_set():
-            raise
+    except BaseException as error:  # ours, or what TorchRL says of its half-closed workers, or another
         over.set()
         with suppress(ValueError):  # TorchRL's, about the process that is no more
             collector.shutdown()
+        if not died.is_set():
+            raise
         message = "A collecting process died; continue from the last checkpoint: resume=RUN_DIR."
         raise ChildProcessError(message) from error
     finally:

@@ -2,13 +2,27 @@
 
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 import torch
-from support import configure, trainer_for
+from support import ANALYTICAL, SMALL, configure, trainer_for
 
 from morlnav.train import run
 from morlnav.trainers.workers import watched
+
+FATAL = """
+import multiprocessing, os, signal
+
+class Fatal:
+    def __init__(self):
+        if multiprocessing.parent_process() is not None:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    def __call__(self, transition):
+        return -transition.action[:, 1].abs()
+"""
 
 
 def test_workers_act_with_the_learners_weights(tmp_path):
@@ -49,6 +63,30 @@ def test_a_dead_worker_ends_the_training_with_a_clear_message(tmp_path):
     trainer.register_op("batch_process", kill)
     with pytest.raises(ChildProcessError, match="A collecting process died"), watched(trainer.collector):
         trainer.train()
+
+
+def test_an_error_of_the_learner_ends_the_workers(tmp_path):
+    trainer = trainer_for(configure("collector=processes", "collector.num_collectors=1"), tmp_path)
+    (worker,) = (process.pid for process in trainer.collector.procs)
+
+    def fail(batch):
+        raise ZeroDivisionError
+
+    trainer.register_op("batch_process", fail)
+    with pytest.raises(ZeroDivisionError), watched(trainer.collector):
+        trainer.train()
+    with pytest.raises(ProcessLookupError):
+        os.kill(worker, 0)
+
+
+def test_a_worker_that_dies_at_its_start_ends_the_command_with_a_clear_message(tmp_path):
+    (tmp_path / "fatal.py").write_text(FATAL)
+    words = ["+objectives.fatal._target_=fatal.Fatal", "collector=processes", "collector.num_collectors=1"]
+    command = [sys.executable, "-c", "from morlnav.train import main; main()", *SMALL, ANALYTICAL, *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 1
+    assert "A collecting process died at its start" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def test_environments_must_divide_among_workers(tmp_path):

@@ -1,8 +1,11 @@
-"""Collection by Ray actors on a cluster of this machine, which is started and stopped here."""
+"""Collection by Ray actors on clusters of this machine."""
 
 import os
 import signal
+import tempfile
+from pathlib import Path
 
+import psutil
 import pytest
 import torch
 from omegaconf import OmegaConf
@@ -14,11 +17,22 @@ ray = pytest.importorskip("ray")
 QUIET = ("trainer.exploration.sigma_init=0", "trainer.exploration.sigma_end=0", "trainer.random_frames=0")
 
 
+def test_a_run_of_asynchronous_workers_starts_a_cluster_and_stops_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # or workers get little of a busy machine
+    with tempfile.TemporaryDirectory() as cluster:  # short, for names of sockets are
+        words = ["collector.sync=false", "evaluation.episodes=2", f"+collector.ray_init_config._temp_dir={cluster}"]
+        run(configure("collector=ray", *words), tmp_path)
+        assert (tmp_path / "policy.pt").is_file()
+        assert (Path(cluster) / "session_latest").is_dir()
+        assert not ray.is_initialized()
+        assert not [process for process in psutil.process_iter(["cmdline"]) if cluster in str(process.info["cmdline"])]
+
+
 @pytest.fixture(scope="module")
 def cluster():
     """Started as the config says, once for all trainings, for that takes seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("RAY_worker_niceness", "0")  # or workers get little of a busy machine
+        patch.setenv("RAY_worker_niceness", "0")
         ray.init(**OmegaConf.to_container(configure("collector=ray").collector.ray_init_config, resolve=True))
     yield
     ray.shutdown()
@@ -45,12 +59,6 @@ def test_workers_act_with_the_learners_weights_until_one_dies(tmp_path):
     assert len(apart) == 6
     assert max(apart) < 1e-5
     assert any((old != new).any() for old, new in zip(before, actor.parameters(), strict=True))
-
-
-@pytest.mark.usefixtures("cluster")
-def test_asynchronous_workers_train(tmp_path):
-    run(configure("collector=ray", "collector.sync=false", "evaluation.episodes=2"), tmp_path)
-    assert (tmp_path / "policy.pt").is_file()
 
 
 def test_without_ray_it_says_what_to_install(tmp_path, monkeypatch):

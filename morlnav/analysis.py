@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from operator import attrgetter
 from pathlib import Path
 from typing import TypeAlias
 
@@ -169,9 +170,12 @@ def _from_events(folder: Path) -> dict[str, pd.DataFrame]:
     # Every scalar is kept, those of steps that a resumed run repeats too: the last one counts, as in the CSV files.
     events = EventAccumulator(str(folder), size_guidance={"scalars": 0}, purge_orphaned_data=False).Reload()
     return {
-        name: pd.DataFrame([(event.step, event.value) for event in events.Scalars(name)], columns=["step", "value"])
+        name: pd.DataFrame(
+            [(event.step, event.value) for event in sorted(events.Scalars(name), key=attrgetter("wall_time"))],
+            columns=["step", "value"],
+        )
         for name in events.Tags()["scalars"]
-    }
+    }  # by time, for files that begin in the same second are read in the order of their names
 
 
 def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -> pd.DataFrame:

@@ -60,6 +60,15 @@ def test_events_of_tensorboard_stand_in_for_missing_csv_files(tmp_path):
     assert len(from_csv) == 8000
 
 
+def test_of_files_of_one_second_the_later_counts_whatever_their_names(tmp_path):
+    for run in range(6):  # TensorBoard numbers its files, and 10 stands before 9 in the alphabet
+        directory = make_run(tmp_path / f"{run}", values=(0.1, 0.2))
+        TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.9, step=20)
+        TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.8, step=20)
+        shutil.rmtree(directory / "logs" / "scalars")
+        assert load_run(directory).query("metric == 'train/success'")["value"].tolist() == [0.1, pytest.approx(0.8)]
+
+
 def test_a_sweep_shows_the_settings_that_differ(tmp_path):
     make_run(tmp_path / "0", seed=0)
     make_run(tmp_path / "1", values=(0.75,), seed=1, loss={"gamma": 0.95, "angles": {"none": None}}, resume="elsewhere")

@@ -35,9 +35,10 @@ def inputs(policy, count):
 
 
 def assert_alike(policy, action, expected):
-    """To 1e-5 in units of half the action's range, as the network computes; ω's is π rad/s."""
-    to_unit = policy.actor.to_unit
-    torch.testing.assert_close(to_unit(action), to_unit(expected), rtol=0, atol=1e-5)
+    """To 1e-5 in SI units; of a trained policy in half ranges, for its ω is not exact to 1e-5 rad/s in float32."""
+    if policy.objectives == ("demo", "distance", "efficiency"):
+        action, expected = policy.actor.to_unit(action), policy.actor.to_unit(expected)
+    torch.testing.assert_close(action, expected, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("count", [1, 10_000])

@@ -379,7 +379,8 @@ def test_a_wrong_value_ends_in_one_sentence(override, sentence, tmp_path):
 )
 def test_the_command_line_names_a_mistake_and_the_choices(override, words, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(sys, "argv", ["morlnav-train", *SMALL, f"hydra.run.dir='{tmp_path}'", override])
-    monkeypatch.delenv("HYDRA_FULL_ERROR", raising=False)
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "")  # noted, so that what the command sets does not outlive the test
+    monkeypatch.delenv("HYDRA_FULL_ERROR")
     with pytest.raises(SystemExit) as error:
         morlnav.train.main()
     assert error.value.code not in (0, None)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from morlnav.modules.networks import NavigationFeatures
+from morlnav.modules.networks import NavigationFeatures, nearness
 from morlnav.world import DifferentialDrive
 
 
@@ -32,7 +32,7 @@ class AfterstateFeatures(nn.Module):
 
     Examples:
         >>> features = AfterstateFeatures()
-        >>> features.predict(torch.tensor([3.0, 0.0, 1.5, 0.0]), torch.tensor([0.5, 0.0]))
+        >>> features.predict(torch.tensor([3.0, 0.0, 1.5, 0.0]), features.motion(torch.tensor([0.5, 0.0])))
         tensor([2.9000, 0.0000, 1.4000, 0.0000])
         >>> features(torch.zeros(5, 34), torch.zeros(5, 2)).shape
         torch.Size([5, 24])
@@ -55,33 +55,38 @@ class AfterstateFeatures(nn.Module):
         self.lookahead = tuple(lookahead)
         self.out_features = self.features.out_features + 2 * len(self.lookahead)
 
-    def predict(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Distances (m) and bearings (rad) after the step, ``[..., 4]`` of goal and human or ``[..., 2]`` of the goal.
+    def motion(self, action: Tensor) -> Tensor:
+        """Where the step of an action ``[..., 2]`` ends: ``(x, y, turn)`` in the robot's frame, ``[..., 3]``."""
+        return self.robot.move(action.new_zeros(3), action, self.step_time)
+
+    def predict(self, observation: Tensor, motion: Tensor) -> Tensor:
+        """Distances (m) and bearings (rad) after a motion, ``[..., 4]`` of goal and human or ``[..., 2]`` of the goal.
 
         Bearings may leave ``[-π, π]`` by the turn of one step.
         """
-        x, y, turn = self.robot.move(action.new_zeros(3), action, self.step_time).split(1, -1)
+        x, y, turn = motion.split(1, -1)
         distance, bearing = observation[..., : self.features.in_features].unflatten(-1, (-1, 2)).unbind(-1)
         ahead, left = distance * bearing.cos() - x, distance * bearing.sin() - y
         return torch.stack([torch.hypot(ahead, left), torch.atan2(left, ahead) - turn], -1).flatten(-2)
 
-    def clearance(self, observation: Tensor, action: Tensor) -> Tensor:
+    def clearance(self, observation: Tensor, motion: Tensor) -> Tensor:
         """How near the closest thing that the lidar sees is to each point ahead, ``[..., len(lookahead)]`` in metres.
 
-        Points lie straight ahead of where the step ends. What a sector sees counts as being in the sector's middle.
+        Points lie straight ahead of where a motion ends. What a sector sees counts as being in the sector's middle.
         """
-        scan = observation[..., self.features.in_features :]
-        sectors = torch.arange(scan.shape[-1], device=scan.device)
-        bearing = (sectors + 0.5) * (2 * math.pi / len(sectors)) - math.pi
-        x, y, turn = self.robot.move(action.new_zeros(3), action, self.step_time).split(1, -1)
-        x, y = scan * bearing.cos() - x, scan * bearing.sin() - y
-        ahead, left = turn.cos() * x + turn.sin() * y, turn.cos() * y - turn.sin() * x
-        return torch.stack([torch.hypot(ahead - distance, left).amin(-1) for distance in self.lookahead], -1)
+        scan = observation[..., self.features.in_features :].unsqueeze(-2)
+        bearing = (torch.arange(0.5, scan.shape[-1], device=scan.device) * 2 / scan.shape[-1] - 1) * math.pi
+        turn = motion[..., 2:]
+        course = torch.cat([turn.cos(), turn.sin()], -1)
+        points = torch.stack([motion[..., :2] + distance * course for distance in self.lookahead], -2)
+        x, y = points.split(1, -1)
+        return torch.hypot(scan * bearing.cos() - x, scan * bearing.sin() - y).amin(-1)
 
     def forward(self, observation: Tensor, action: Tensor) -> Tensor:
         """Features ``[..., out_features]`` of raw observations ``[..., D]`` and actions ``[..., 2]`` (m/s, rad/s)."""
-        features = self.features(self.predict(observation, action))
+        motion = self.motion(action)
+        features = self.features(self.predict(observation, motion))
         if not self.lookahead:
             return features
-        clearance = self.clearance(observation, action)
-        return torch.cat([features, (-clearance).exp(), 0.3 / (clearance + 0.1) - 0.3], -1)
+        clearance = self.clearance(observation, motion)
+        return torch.cat([features, (-clearance).exp(), nearness(clearance)], -1)

@@ -25,7 +25,8 @@ def driven(steps=20, **settings):
 
 def test_goal_and_human_are_where_the_world_shows_them():
     before, action, after = driven()
-    predicted = AfterstateFeatures().predict(before, action)
+    module = AfterstateFeatures()
+    predicted = module.predict(before, module.motion(action))
     assert len(before) > 50
     torch.testing.assert_close(predicted[:, ::2], after[:, [0, 2]], atol=1e-5, rtol=0)
     apart = predicted[:, 1::2] - after[:, [1, 3]]
@@ -41,28 +42,31 @@ def test_its_features_are_those_of_the_observation_to_come():
 def test_it_knows_another_robot_and_another_pace():
     settings = {"robot": DifferentialDrive(max_speed=1.5, max_turn=1.0), "step_time": 0.5}
     before, action, after = driven(4, **settings)
-    distance = AfterstateFeatures(**settings).predict(before, action)[:, 0]
+    one, other = AfterstateFeatures(**settings), AfterstateFeatures()
+    distance = one.predict(before, one.motion(action))[:, 0]
     torch.testing.assert_close(distance, after[:, 0], atol=1e-5, rtol=0)
-    assert (AfterstateFeatures().predict(before, action)[:, 0] - after[:, 0]).abs().max() > 0.01
+    assert (other.predict(before, other.motion(action))[:, 0] - after[:, 0]).abs().max() > 0.01
 
 
 def test_without_the_human_only_the_goal_is_moved():
     before, action, _ = driven()
     blind = torch.cat([before[:, :2], before[:, 4:]], -1)
-    predicted = AfterstateFeatures(observe_human=False).predict(blind, action)
-    assert torch.equal(predicted, AfterstateFeatures().predict(before, action)[:, :2])
+    motion = AfterstateFeatures().motion(action)
+    predicted = AfterstateFeatures(observe_human=False).predict(blind, motion)
+    assert torch.equal(predicted, AfterstateFeatures().predict(before, motion)[:, :2])
 
 
 def test_clearance_is_the_nearest_reading_of_the_scan_to_come():
     before, action, after = driven()
     module = AfterstateFeatures(lookahead=[0.0, 0.3])
-    here, ahead = module.clearance(before, action).unbind(-1)
+    here, ahead = module.clearance(before, module.motion(action)).unbind(-1)
     nearest = after[:, 4:].amin(-1)
     close = nearest < 1.5
     assert close.sum() > 30
     assert (here - nearest)[close].abs().max() < 0.2  # a sector is 12° wide
     assert (here - nearest)[close].abs().mean() < 0.03
-    further = module.clearance(before, action + torch.tensor([1.5, 0.0]))[:, 0]  # 0.3 m more on a course without a turn
+    faster = module.motion(action + torch.tensor([1.5, 0.0]))  # 0.3 m more on a course without a turn
+    further = module.clearance(before, faster)[:, 0]
     straight = action[:, 1].abs() < 0.3
     torch.testing.assert_close(ahead[straight], further[straight], atol=0.02, rtol=0)
 
@@ -72,7 +76,8 @@ def test_clearance_tells_a_turn_that_avoids_a_box_from_one_that_does_not():
     scan[0, 15:18] = 0.5  # ahead, and to the left
     observation = torch.cat([torch.tensor([[5.0, 0.0, 4.0, 1.0]]), scan], -1)
     module = AfterstateFeatures(lookahead=[0.5])
-    left, right = (module.clearance(observation, torch.tensor([[0.5, turn]])) for turn in (2.0, -2.0))
+    motions = [module.motion(torch.tensor([[0.5, turn]])) for turn in (2.0, -2.0)]
+    left, right = (module.clearance(observation, motion) for motion in motions)
     assert right > left + 0.1
 
 

@@ -30,6 +30,7 @@ from morlnav.trainers.workers import watched
 def run(cfg: DictConfig, directory: Path) -> str | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the table, or ``None`` if interrupted."""
     _check_device(cfg.device)
+    checkpoint = None if cfg.resume is None else _checkpoint_of(Path(cfg.resume))
     keep_freed_memory()
     torch.set_num_threads(cfg.threads)
     torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
@@ -40,8 +41,7 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
     torch.manual_seed(cfg.seed)
     trainer = make_trainer(cfg, directory, logger)
-    if cfg.resume is not None:
-        checkpoint = _checkpoint_of(Path(cfg.resume))
+    if checkpoint is not None:
         trainer.load_from_file(checkpoint)
         print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
         if cfg.trainer.progress_bar:

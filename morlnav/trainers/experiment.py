@@ -60,8 +60,10 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
     policy = TensorDictModule(actor, in_keys=["observation", "preference"], out_keys=["action"])
     loss = make_loss(cfg, env.base_env, policy, critics, _make_clones(cfg) if cfg.loss.guidance is not None else None)
     noise = _make_exploration(cfg, env)
-    collector = _make_collector(cfg, env, TensorDictSequential(policy, noise))
-    stepper = _make_stepper(cfg, loss, actor)
+    stepper, replay = _make_stepper(cfg, loss, actor), _make_replay(cfg, env)
+    collector = _make_collector(
+        cfg, env, TensorDictSequential(policy, noise)
+    )  # last: an error would leave workers behind
     rollout = {"rollout": RolloutState(collector)} if _in_one_process(cfg) else {}
     trainer = Trainer(
         collector=collector,
@@ -69,7 +71,7 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
         frame_skip=1,
         loss_module=loss,
         optimization_stepper=stepper,
-        replay_buffer=_make_replay(cfg, env),
+        replay_buffer=replay,
         optim_steps_per_batch=settings.optim_steps_per_batch,
         logger=logger,
         clip_norm=settings.clip_norm,

@@ -271,11 +271,13 @@ class MORLTD3Loss(LossModule):
         """Loss of the actor and its metadata; only the first critic is evaluated, and gets no gradient."""
         weights = self._maybe_get_priority_weight(tensordict)
         acted = self._act(tensordict, self.actor_network_params)
-        value = self._first_value(acted)
+        with self.qvalue_network_params.detach()[0].to_module(self.qvalue_network, preserve_module_state=False):
+            value = self._value(acted)
+            penalties = [self._guide(guidance, tensordict, acted, value) for guidance in self.guidance]
         loss = -self._scalarise(tensordict, value)
         metadata = {"state_action_value_actor": value.detach()}
-        if self.guidance:
-            penalty = sum(self._guide(guidance, tensordict, acted, value) for guidance in self.guidance)
+        if penalties:
+            penalty = sum(penalties)
             metadata["guidance"] = penalty.detach()
             loss = loss + penalty
         if self.angle is not None:
@@ -284,16 +286,15 @@ class MORLTD3Loss(LossModule):
             loss = loss + self.angle.actor * angle
         return self._reduce_loss(loss, tensordict=tensordict, weights=weights), metadata
 
-    def _first_value(self, acted: TensorDictBase) -> Tensor:
-        """Value vectors ``[B, m]`` of the first critic, whose parameters get no gradient."""
-        with self._first_critic_params.to_module(self.qvalue_network, preserve_module_state=False):
-            return self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
+    def _value(self, acted: TensorDictBase) -> Tensor:
+        """Value vectors ``[B, m]`` of the critic whose parameters the network holds."""
+        return self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
 
     def _guide(self, guidance: Guidance, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
         key, guide = self.tensor_keys.action, guidance.guide
         with torch.no_grad():
             proposal = guide(tensordict.select(*guide.in_keys)).get(guide.out_keys[0])
-            gain = self._first_value(acted.copy().set(key, proposal)) - value
+            gain = self._value(acted.copy().set(key, proposal)) - value
             if guidance.entry is not None:  # what was demonstrated needs no judgement
                 static = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1]
                 gain[..., static + guidance.entry] = 0
@@ -302,10 +303,6 @@ class MORLTD3Loss(LossModule):
         if guidance.unsquash:
             units = [unit.clamp(-1 + 1e-6, 1 - 1e-6).atanh() for unit in units]
         return guidance(units[0] - units[1], gain, tensordict.get(self.tensor_keys.preference))
-
-    @property
-    def _first_critic_params(self) -> TensorDictBase:
-        return self.qvalue_network_params.detach()[0]
 
     def value_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss of the critics and its metadata; ``td_error`` is ``[num_qvalue_nets, B]``, summed over objectives."""

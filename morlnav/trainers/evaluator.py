@@ -10,8 +10,15 @@ from torch import Tensor, nn
 from torchrl.trainers.trainers import Trainer
 
 from morlnav.envs import NavigationEnv
-from morlnav.evaluation import Outcome, Rollouts, evaluate_policy, frechet_distance
-from morlnav.evaluation.metrics import frechet_column, winding
+from morlnav.evaluation import (
+    Rollouts,
+    episode_metrics,
+    evaluate_policy,
+    expected_utility,
+    shortest_path,
+    summarise,
+)
+from morlnav.evaluation.statistics import RATES, metric_columns, tuneable_objectives
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.hooks import PeriodicHook
 from morlnav.world import Scene
@@ -45,6 +52,7 @@ class EvaluatePolicy(PeriodicHook):
         super().__init__(frames)
         self.policy, self.env, self.scenes, self.preferences = policy, env, scenes, preferences.to(env.device)
         self.loss, self.max_steps, self.references = loss, max_steps, references or {}
+        self.shortest = shortest_path(scenes, env.world.robot.radius, env.world.human_radius, env.world.goal_radius)
 
     def __call__(self, batch: Any = None) -> None:
         """Evaluate if it is due."""
@@ -68,31 +76,18 @@ class EvaluatePolicy(PeriodicHook):
             self.trainer.logger.log_scalar(f"evaluation/{name}", value, step=self.last)
 
     def _metrics(self, rollouts: Rollouts, values: Tensor) -> dict[str, float]:
-        returns = rollouts.reward.sum(2).mean(1)
-        weights = self.loss.scalarisation(self.preferences, returns.shape[-1])
-        human = (rollouts.pose[..., :2] - rollouts.scene.human.unsqueeze(2)).norm(dim=-1).amin(-1)
-        reached = (rollouts.outcome == Outcome.GOAL).float()
-        metrics = {
-            "success": reached.mean().item(),
-            "collision_human": (rollouts.outcome == Outcome.HUMAN).float().mean().item(),
-            "collision_box": (rollouts.outcome == Outcome.BOX).float().mean().item(),
-            "timeout": (rollouts.outcome == Outcome.TIMEOUT).float().mean().item(),
-            "expected_utility": (weights * returns).sum(-1).mean().item(),
-        }
-        columns = {
-            "success": reached.mean(1),
-            "min_human_distance": human.mean(1),
-            "navigation_time": rollouts.steps.float().mean(1) * self.env.world.step_time,
-            "human_on_right": (winding(rollouts.pose, rollouts.scene.human) < 0).float().mean(1),
-            **{f"return_{name}": returns[:, i] for i, name in enumerate(self.env.rewards)},
-            **{f"key_{name}": values[:, i] for i, name in enumerate(self.env.rewards)},
-        }
-        for name, lines in self.references.items():
-            frechet = [frechet_distance(paths, lines) for paths in rollouts.cpu().path]
-            columns[frechet_column(name)] = torch.stack(frechet).mean(1)
-        for i, row in enumerate(self.preferences.tolist()):
-            label = "_".join(f"{weight:.2f}" for weight in row)
-            metrics |= {f"{name}/{label}": column[i].item() for name, column in columns.items()}
+        rewards = self.env.rewards
+        episodes = episode_metrics(
+            rollouts, tuple(rewards), world=self.env.world, references=self.references, shortest=self.shortest
+        )
+        metrics = episodes[[name for names in RATES.values() for name in names]].mean().to_dict()
+        metrics["expected_utility"] = expected_utility(rollouts.reward.sum(2).mean(1), self.preferences)
+        summary = summarise(episodes, resamples=1)
+        for row, keys in zip(summary.to_dict("records"), values.tolist(), strict=True):
+            label = "_".join(f"{row[f'lambda_{name}']:.2f}" for name in tuneable_objectives(episodes))
+            metrics[f"success/{label}"] = row["SR"] / 100
+            metrics |= {f"{name}/{label}": row[name] for name in metric_columns(episodes)}
+            metrics |= {f"key_{name}/{label}": key for name, key in zip(rewards, keys, strict=True)}
         return metrics
 
     def register(self, trainer: Trainer, name: str = "evaluate_policy") -> None:

@@ -24,6 +24,7 @@ class MORLTD3LossConfig(PartConfig, LossConfig):
     action_spec: Any = None
     bounds: Any = None
     num_qvalue_nets: int = 2
+    actor_qvalue_nets: int = 1
     policy_noise: float = 0.2
     noise_clip: float = 0.5
     loss_function: str = "smooth_l1"

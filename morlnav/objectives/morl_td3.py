@@ -45,6 +45,7 @@ class MORLTD3Loss(LossModule):
         action_spec: bounded spec of the action; or give ``bounds``.
         bounds: ``(low, high)`` of the action; exactly one of the two.
         num_qvalue_nets: number of critics.
+        actor_qvalue_nets: of how many the actor climbs the mean: 1 as in TD3; with more it follows fewer errors.
         policy_noise: standard deviation of the target's smoothing noise, in units of half the action range.
         noise_clip: the noise is clipped to this, in the same units.
         loss_function: ``"l2"``, ``"l1"`` or ``"smooth_l1"``.
@@ -66,7 +67,7 @@ class MORLTD3Loss(LossModule):
 
     Raises:
         ValueError: for missing or contradictory action bounds, an unknown ``loss_function``, ``pessimism`` outside
-            [0, 1], or a least reward above the largest.
+            [0, 1], more critics for the actor than there are, or a least reward above the largest.
 
     Examples:
         >>> from morlnav.modules import Actor, VectorCritic
@@ -129,6 +130,7 @@ class MORLTD3Loss(LossModule):
         action_spec: TensorSpec | None = None,
         bounds: tuple[Tensor | float, Tensor | float] | None = None,
         num_qvalue_nets: int = 2,
+        actor_qvalue_nets: int = 1,
         policy_noise: float = 0.2,
         noise_clip: float = 0.5,
         loss_function: str = "smooth_l1",
@@ -150,6 +152,8 @@ class MORLTD3Loss(LossModule):
             raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
         if not 0 <= pessimism <= 1:
             raise ValueError(f"pessimism must be between 0 and 1, got {pessimism}.")
+        if not 1 <= actor_qvalue_nets <= num_qvalue_nets:
+            raise ValueError(f"actor_qvalue_nets must be between 1 and {num_qvalue_nets}, got {actor_qvalue_nets}.")
         self.pessimism = pessimism
         self.use_prioritized_weights = use_prioritized_weights
         self._in_keys = None
@@ -157,6 +161,7 @@ class MORLTD3Loss(LossModule):
         self.delay_qvalue = delay_qvalue
         self.deactivate_vmap = deactivate_vmap
         self.num_qvalue_nets = num_qvalue_nets
+        self.actor_qvalue_nets = actor_qvalue_nets
         self.policy_noise = policy_noise
         self.noise_clip = noise_clip
         self.loss_function = loss_function
@@ -234,7 +239,7 @@ class MORLTD3Loss(LossModule):
         self._in_keys = values
 
     def _values(self, tensordict: TensorDictBase, params: TensorDictParams) -> Tensor:
-        """Value vectors ``[num_qvalue_nets, B, m]`` of all critics in one batched product."""
+        """Value vectors ``[k, B, m]`` of the critics with these ``k`` parameters, in one batched product."""
         inputs = tensordict.select(*self.qvalue_network.in_keys, strict=False)
         if not self._stackable:
             return self._vmap_qvalue_network00(inputs, params).get(self.tensor_keys.state_action_value)
@@ -268,16 +273,14 @@ class MORLTD3Loss(LossModule):
         return self.angle(direction.detach().expand_as(value), value)
 
     def actor_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
-        """Loss of the actor and its metadata; only the first critic is evaluated, and gets no gradient."""
+        """Loss of the actor and its metadata; the critics that it climbs get no gradient."""
         weights = self._maybe_get_priority_weight(tensordict)
         acted = self._act(tensordict, self.actor_network_params)
-        with self.qvalue_network_params.detach()[0].to_module(self.qvalue_network, preserve_module_state=False):
-            value = self._value(acted)
-            penalties = [self._guide(guidance, tensordict, acted, value) for guidance in self.guidance]
+        value = self._actors_value(acted)
         loss = -self._scalarise(tensordict, value)
         metadata = {"state_action_value_actor": value.detach()}
-        if penalties:
-            penalty = sum(penalties)
+        if self.guidance:
+            penalty = sum(self._guide(guidance, tensordict, acted, value) for guidance in self.guidance)
             metadata["guidance"] = penalty.detach()
             loss = loss + penalty
         if self.angle is not None:
@@ -286,15 +289,15 @@ class MORLTD3Loss(LossModule):
             loss = loss + self.angle.actor * angle
         return self._reduce_loss(loss, tensordict=tensordict, weights=weights), metadata
 
-    def _value(self, acted: TensorDictBase) -> Tensor:
-        """Value vectors ``[B, m]`` of the critic whose parameters the network holds."""
-        return self.qvalue_network(acted).get(self.tensor_keys.state_action_value)
+    def _actors_value(self, acted: TensorDictBase) -> Tensor:
+        """Value vectors ``[B, m]`` that the actor climbs."""
+        return self._values(acted, self.qvalue_network_params.detach()[: self.actor_qvalue_nets]).mean(0)
 
     def _guide(self, guidance: Guidance, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
         key, guide = self.tensor_keys.action, guidance.guide
         with torch.no_grad():
             proposal = guide(tensordict.select(*guide.in_keys)).get(guide.out_keys[0])
-            gain = self._value(acted.copy().set(key, proposal)) - value
+            gain = self._actors_value(acted.copy().set(key, proposal)) - value
             if guidance.entry is not None:  # what was demonstrated needs no judgement
                 static = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1]
                 gain[..., static + guidance.entry] = 0

@@ -280,6 +280,21 @@ def test_the_actor_listens_to_the_first_critic_only():
     assert loss.actor_loss(batch)[0].item() != before
 
 
+def test_the_actor_may_climb_the_mean_of_both_critics():
+    loss, both, batch = make_loss(), make_loss(actor_qvalue_nets=2), make_batch()
+    other = make_loss()
+    both.load_state_dict(loss.state_dict())
+    other.load_state_dict(loss.state_dict())
+    with torch.no_grad():
+        other.qvalue_network_params.data.copy_(loss.qvalue_network_params.data.flip(0).contiguous())
+    terms = [each.actor_loss(batch)[0] for each in (loss, other, both)]
+    torch.testing.assert_close(terms[2], (terms[0] + terms[1]) / 2)
+    terms[2].backward()
+    assert not gradients(both.qvalue_network_params)
+    with pytest.raises(ValueError, match="actor_qvalue_nets must be between 1 and 2, got 3"):
+        make_loss(actor_qvalue_nets=3)
+
+
 def test_the_interpolated_direction_gets_no_gradient():
     interpolator = nn.Linear(2, 3)
     loss, batch = make_loss(angle=AngleTerm(1.0, 1.0), interpolator=interpolator), make_batch()

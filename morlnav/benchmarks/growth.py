@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 from omegaconf import DictConfig, open_dict
+from torch import nn
 
-from morlnav.benchmarks.learner import EXACT, PLAIN, SHAPES, optimisation
+from morlnav.benchmarks.learner import EXACT, PLAIN, SHAPES, optimisation, random_rows
+from morlnav.benchmarks.minimal_td3 import MinimalTD3
 from morlnav.benchmarks.recipes import ANALYTICAL, recipe
 from morlnav.benchmarks.simulation import drive, engines
+from morlnav.benchmarks.stacked_td3 import StackedTD3
 from morlnav.benchmarks.timing import Contender, Effort, Row, race
+from morlnav.trainers.builders import make_base_env, make_networks
 from morlnav.world import SceneSampler
 
 TITLE = "Cost as the work grows"
-NOTES = """Updates as in the learner's *plain* row with more objectives; steps of 64 environments with more boxes."""
+NOTES = """Updates as in the learner's *plain* row with more objectives; steps of 64 environments with more boxes;
+hand-written updates (*minimal* in the learner's group) of several seeds, one after the other and with parameters
+stacked under `vmap`."""
 
-OBJECTIVES, OBSTACLES, ENVIRONMENTS = (2, 4, 8, 16), (3, 10, 30, 100), 64
+OBJECTIVES, OBSTACLES, ENVIRONMENTS, SEEDS = (2, 4, 8, 16), (3, 10, 30, 100), 64, (1, 2, 4, 8, 16)
 
 
 def measure(effort: Effort) -> list[Row]:
@@ -36,7 +43,35 @@ def measure(effort: Effort) -> list[Row]:
             for name, world in engines(effort.device).items()
         ]
         rows += race("growth", f"{count} boxes", "steps/s", contenders, effort, size=count)
-    return [*rows, Row("growth", "1…16 seeds", "morlnav", "updates/s", note="not available: seeds train one by one")]
+    for count in SEEDS[:2] if effort.quick else SEEDS:
+        contenders = [
+            Contender("one seed after the other", partial(_one_by_one, effort, count), count),
+            Contender("stacked under vmap", partial(_stacked, effort, count), count),
+        ]
+        rows += race("growth", f"{count} seeds", "updates/s", contenders, effort, size=count)
+    return rows
+
+
+def _learners(effort: Effort, count: int) -> tuple[list[tuple[nn.Module, list[nn.Module]]], tuple[object, ...]]:
+    """Networks of every seed, and what all share."""
+    cfg = recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, EXACT)
+    env = make_base_env(cfg, num_envs=1)
+    robot, objectives = env.world.robot, len(env.objectives)
+    rows = random_rows(10_000, len(env.rewards), effort.device)
+    limits = [bound.to(effort.device) for bound in (robot.action_low, robot.action_high)]
+    return [make_networks(cfg, env) for _ in range(count)], (rows, *limits, objectives)
+
+
+def _one_by_one(effort: Effort, count: int) -> Callable[[], object]:
+    networks, shared = _learners(effort, count)
+    learners = [MinimalTD3(*pair, *shared) for pair in networks]
+    return lambda: [learner.step() for learner in learners]
+
+
+def _stacked(effort: Effort, count: int) -> Callable[[], object]:
+    networks, shared = _learners(effort, count)
+    actors, critics = zip(*networks, strict=True)
+    return StackedTD3(list(actors), list(critics), *shared).step
 
 
 def _room_for(boxes: int) -> dict[str, object]:

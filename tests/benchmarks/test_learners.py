@@ -12,6 +12,7 @@ from morlnav.benchmarks.limit import update_flops
 from morlnav.benchmarks.minimal_td3 import MinimalTD3
 from morlnav.benchmarks.neighbours import torchrl_td3
 from morlnav.benchmarks.pd_morl import PDMORL
+from morlnav.benchmarks.stacked_td3 import StackedTD3
 from morlnav.modules import Actor, VectorCritic
 
 LOW, HIGH = torch.tensor([0.0, -3.0]), torch.tensor([0.5, 3.0])
@@ -57,6 +58,28 @@ def test_the_minimal_learner_learns():
     for _ in range(150):
         learner.step()
     assert error() < before / 4
+
+
+def test_stacked_seeds_learn_as_one_seed_does():
+    rows, settings = random_rows(64), {"num_preferences": 3, "batch_size": 16}
+    single = MinimalTD3(*networks(3), rows, LOW, HIGH, **settings)
+    (actor, critics), (other, others) = networks(3), networks(3)
+    stacked = StackedTD3([actor], [critics], rows, LOW, HIGH, **settings)
+    for learner in (single, stacked):
+        torch.manual_seed(1)
+        for _ in range(4):
+            learner.step()
+    for name, value in single.actor.named_parameters():
+        torch.testing.assert_close(stacked.actor[name][0], value, atol=1e-6, rtol=1e-4)
+    for index, critic in enumerate(single.target_critics):
+        for name, value in critic.named_parameters():
+            torch.testing.assert_close(stacked.target_critics[name][0, index], value, atol=1e-6, rtol=1e-4)
+
+    torch.manual_seed(1)
+    both = StackedTD3([actor, other], [critics, others], rows, LOW, HIGH, **settings)
+    both.step()
+    both.step()
+    assert all((value[0] != value[1]).any() for value in both.actor.values())  # each draws batches of its own
 
 
 def test_pd_morl_keeps_every_transition_four_times():

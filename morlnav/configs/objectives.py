@@ -109,5 +109,4 @@ class GuidanceConfig(PartConfig):
     coefficient: float = 0.3
     sharpness: float = 4.0
     margin: float = 0.1
-    unsquash: bool = False
     _target_: str = "morlnav.objectives.Guidance"

@@ -30,8 +30,6 @@ class Guidance(nn.Module):
         coefficient: ``c``.
         sharpness: ``p``.
         margin: in units of the scalarised value without the guided objective; below 0 the guide has to be better.
-        unsquash: measure how far actions are apart before the tanh that bounds them, ``artanh(a / h)``. At the bounds
-            its derivative is next to nothing, and lets an actor that is there feel neither gradient nor pull.
 
     Raises:
         ValueError: for a negative coefficient, sharpness or entry.
@@ -52,7 +50,6 @@ class Guidance(nn.Module):
         coefficient: float = 0.3,
         sharpness: float = 4.0,
         margin: float = 0.1,
-        unsquash: bool = False,
     ) -> None:
         super().__init__()
         if coefficient < 0 or sharpness < 0:
@@ -66,10 +63,9 @@ class Guidance(nn.Module):
         self.coefficient = coefficient
         self.sharpness = sharpness
         self.margin = margin
-        self.unsquash = unsquash
 
     def forward(self, apart: Tensor, gain: Tensor, preference: Tensor) -> Tensor:
-        """Penalty ``[...]`` of actions that are ``apart`` ``[..., A]`` from the guide's, in half ranges or unsquashed.
+        """Penalty ``[...]`` of actions that are ``apart`` ``[..., A]`` from the guide's, in half ranges.
 
         Args:
             apart: with a gradient.

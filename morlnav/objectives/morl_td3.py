@@ -302,10 +302,8 @@ class MORLTD3Loss(LossModule):
                 static = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1]
                 gain[..., static + guidance.entry] = 0
             gain = self._scalarise(tensordict, gain)
-        units = [(action - self.min_action) / self._half_range - 1 for action in (acted.get(key), proposal)]
-        if guidance.unsquash:
-            units = [unit.clamp(-1 + 1e-6, 1 - 1e-6).atanh() for unit in units]
-        return guidance(units[0] - units[1], gain, tensordict.get(self.tensor_keys.preference))
+        apart = (acted.get(key) - proposal) / self._half_range
+        return guidance(apart, gain, tensordict.get(self.tensor_keys.preference))
 
     def value_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss of the critics and its metadata; ``td_error`` is ``[num_qvalue_nets, B]``, summed over objectives."""

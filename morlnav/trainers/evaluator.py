@@ -82,7 +82,7 @@ class EvaluatePolicy(PeriodicHook):
         )
         metrics = episodes[[name for names in RATES.values() for name in names]].mean().to_dict()
         metrics["expected_utility"] = expected_utility(rollouts.reward.sum(2).mean(1), self.preferences)
-        summary = summarise(episodes, resamples=1)
+        summary = summarise(episodes, resamples=2)  # its means alone are wanted
         for row, keys in zip(summary.to_dict("records"), values.tolist(), strict=True):
             label = "_".join(f"{row[f'lambda_{name}']:.2f}" for name in tuneable_objectives(episodes))
             metrics[f"success/{label}"] = row["SR"] / 100

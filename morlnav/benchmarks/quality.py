@@ -55,8 +55,9 @@ def times_to_bar(directory: str | Path) -> tuple[float, float]:
         raise FileNotFoundError(f"{directory} has no TensorBoard events, which tell the times.")
     events = EventAccumulator(str(directory / "logs"), size_guidance={"scalars": 0}).Reload()
     demands = bar(cfg)
-    if "evaluation/success" not in events.Tags()["scalars"]:
-        raise FileNotFoundError(f"{directory} holds no evaluations made while training.")
+    missing = [tag for tag in demands if f"evaluation/{tag}" not in events.Tags()["scalars"]]
+    if missing:
+        raise FileNotFoundError(f"{directory} logged no evaluation/{missing[0]} while training.")
     tags = {tag: events.Scalars(f"evaluation/{tag}") for tag in demands}
     values = pd.DataFrame({tag: {event.step: event.value for event in scalars} for tag, scalars in tags.items()})
     last = max(tags, key=lambda tag: tags[tag][-1].wall_time)  # the metric that is written last

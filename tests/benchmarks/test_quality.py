@@ -45,3 +45,13 @@ def test_a_run_without_events_is_reported_as_not_measured(smoke_run, tmp_path):
     (row,) = quality.measure([tmp_path])
     assert row.values == []
     assert "no TensorBoard events" in row.note
+
+
+def test_a_run_that_logged_other_metrics_is_reported_as_not_measured(smoke_run, tmp_path):
+    shutil.copy(smoke_run / "config.yaml", tmp_path)
+    logger = TensorboardCSVLogger("logs", tmp_path)
+    logger.log_scalar("evaluation/success", 1.0, step=0)
+    logger.experiment[1].experiment.flush()
+    (row,) = quality.measure([tmp_path])
+    assert row.note.startswith("not measured: ")
+    assert "logged no evaluation/" in row.note

@@ -117,13 +117,12 @@ def guidance_of(directory, *words):
 def test_a_clone_guides_the_actor_and_a_search_may_stand_beside_it(demonstration_run, tmp_path):
     _, directory = demonstration_run
     shared = [*SMALL, f"cache={directory / 'cache'}", f"objectives.demo.reward.path={directory / 'run' / 'reward.pt'}"]
-    (clone,) = guidance_of(tmp_path / "guided", *shared)
-    assert clone.entry == 0
+    clone, search = guidance_of(tmp_path / "both", *shared)
+    assert (clone.entry, search.entry) == (0, None)
     assert clone.guide.module.num_preferences == 0
-    assert len(guidance_of(tmp_path / "free", *shared, "loss.guidance=null")) == 0
-    both = guidance_of(tmp_path / "both", *shared, "recipe=analytical")
-    assert [guidance.entry for guidance in both] == [0, None]
-    for number, words in enumerate([(*shared, "loss.guidance=null"), ()]):
-        (search,) = guidance_of(tmp_path / f"without_{number}", *words, "recipe=analytical")
+    (clone,) = guidance_of(tmp_path / "guided", *shared, "loss.search=null")
+    assert clone.entry == 0
+    for number, words in enumerate([(*shared, "loss.guidance=null"), ("recipe=analytical",)]):
+        (search,) = guidance_of(tmp_path / f"without_{number}", *words)
         assert search.entry is None
     assert len(guidance_of(tmp_path / "neither", "recipe=analytical", "loss.search=null")) == 0

@@ -305,10 +305,14 @@ def test_the_discount_ends_where_the_config_says(override, gamma, tmp_path):
 
 
 def test_discounts_may_differ_between_the_entries_of_the_reward(tmp_path):
-    trainer, _ = train_briefly(
-        tmp_path, "loss.gamma.default=0.97", "loss.gamma.distance=0.99", "~loss.gamma.efficiency"
-    )
-    torch.testing.assert_close(trainer.loss_module.value_estimator.gamma, torch.tensor([0.997, 0.99, 0.97]))
+    words = [
+        "loss.gamma.baseline=0.98",
+        "loss.gamma.default=0.97",
+        "loss.gamma.distance=0.99",
+        "~loss.gamma.efficiency",
+    ]
+    trainer, _ = train_briefly(tmp_path, *words)
+    torch.testing.assert_close(trainer.loss_module.value_estimator.gamma, torch.tensor([0.98, 0.99, 0.97]))
 
 
 def test_scales_tie_breaks_and_reward_bounds_follow_the_objectives_of_the_config(tmp_path):

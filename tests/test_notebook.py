@@ -58,7 +58,7 @@ def test_the_quickstart_trains_a_policy_and_shows_it_driving(execute):
 
 
 def test_the_analysis_tells_settings_from_seeds(execute, tmp_path):
-    for number, (gamma, seed) in enumerate([(0.9, 0), (0.9, 1), (0.99, 2)]):
+    for number, (gamma, seed) in enumerate([(0.9, 1), (0.9, 2), (0.99, 1)]):
         run = shutil.copytree(RESULTS / "two_objectives" / f"seed_{seed}", tmp_path / "sweep" / str(number))
         cfg = OmegaConf.load(run / "config.yaml")
         cfg.loss.gamma = gamma

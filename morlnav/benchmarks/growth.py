@@ -8,7 +8,7 @@ from functools import partial
 from omegaconf import DictConfig, open_dict
 from torch import nn
 
-from morlnav.benchmarks.learner import EXACT, PLAIN, SHAPES, optimisation, random_rows
+from morlnav.benchmarks.learner import EXACT, PLAIN, SHAPES, action_limits, optimisation, random_rows
 from morlnav.benchmarks.minimal_td3 import MinimalTD3
 from morlnav.benchmarks.recipes import ANALYTICAL, recipe
 from morlnav.benchmarks.simulation import drive, engines
@@ -56,10 +56,8 @@ def _learners(effort: Effort, count: int) -> tuple[list[tuple[nn.Module, list[nn
     """Networks of every seed, and what all share."""
     cfg = recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, EXACT)
     env = make_base_env(cfg, num_envs=1)
-    robot, objectives = env.world.robot, len(env.objectives)
     rows = random_rows(10_000, len(env.rewards), effort.device)
-    limits = [bound.to(effort.device) for bound in (robot.action_low, robot.action_high)]
-    return [make_networks(cfg, env) for _ in range(count)], (rows, *limits, objectives)
+    return [make_networks(cfg, env) for _ in range(count)], (rows, *action_limits(env), len(env.objectives))
 
 
 def _one_by_one(effort: Effort, count: int) -> Callable[[], object]:

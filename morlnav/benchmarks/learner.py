@@ -59,7 +59,9 @@ def measure(effort: Effort) -> list[Row]:
         Contender("morlnav, plain, as shipped", partial(optimisation, shipped, frames), updates, note=products),
         Contender("morlnav, default", partial(optimisation, cfg, frames), updates, note=products),
         Contender("minimal PyTorch TD3", lambda: _minimal(plain, env, rows).step, peer=True),
-        Contender("TorchRL TD3Loss, scalar", lambda: neighbours.torchrl_td3(rows, *_limits(env), layers), peer=True),
+        Contender(
+            "TorchRL TD3Loss, scalar", lambda: neighbours.torchrl_td3(rows, *action_limits(env), layers), peer=True
+        ),
         Contender("PD-MORL", lambda: _pd_morl(plain, env, rows).step, peer=True),
         Contender("morl-baselines CAPQL", lambda: neighbours.capql(_four_objectives(), rows, layers), peer=True),
         Contender("morl-baselines GPI-LS", lambda: neighbours.gpi_ls(_four_objectives(), rows, layers), peer=True),
@@ -103,7 +105,7 @@ def _four_objectives() -> gymnasium.Env:
 
 def _minimal(cfg: DictConfig, env: NavigationEnv, rows: dict[str, Tensor]) -> MinimalTD3:
     delay = cfg.trainer.policy_update_delay
-    return MinimalTD3(*make_networks(cfg, env), rows, *_limits(env), len(env.objectives), delay=delay)
+    return MinimalTD3(*make_networks(cfg, env), rows, *action_limits(env), len(env.objectives), delay=delay)
 
 
 def _pd_morl(cfg: DictConfig, env: NavigationEnv, rows: dict[str, Tensor]) -> PDMORL:
@@ -111,8 +113,9 @@ def _pd_morl(cfg: DictConfig, env: NavigationEnv, rows: dict[str, Tensor]) -> PD
     count, bounds = len(env.rewards), bounds_of(env)
     actor = Actor(count, **bounds, depth=cfg.networks.actor.depth)
     critics = [VectorCritic(count, count, **bounds, depth=cfg.networks.critic.depth) for _ in range(2)]
-    return PDMORL(actor.to(env.device), [critic.to(env.device) for critic in critics], rows, *_limits(env))
+    return PDMORL(actor.to(env.device), [critic.to(env.device) for critic in critics], rows, *action_limits(env))
 
 
-def _limits(env: NavigationEnv) -> tuple[Tensor, Tensor]:
+def action_limits(env: NavigationEnv) -> tuple[Tensor, Tensor]:
+    """Least and largest action, on the environment's device."""
     return env.world.robot.action_low.to(env.device), env.world.robot.action_high.to(env.device)

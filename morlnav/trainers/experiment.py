@@ -61,9 +61,8 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
     loss = make_loss(cfg, env.base_env, policy, critics, _make_clones(cfg) if cfg.loss.guidance is not None else None)
     noise = _make_exploration(cfg, env)
     stepper, replay = _make_stepper(cfg, loss, actor), _make_replay(cfg, env)
-    collector = _make_collector(
-        cfg, env, TensorDictSequential(policy, noise)
-    )  # last: an error would leave workers behind
+    # Last, for an error after it would leave its workers behind.
+    collector = _make_collector(cfg, env, TensorDictSequential(policy, noise))
     rollout = {"rollout": RolloutState(collector)} if _in_one_process(cfg) else {}
     trainer = Trainer(
         collector=collector,

@@ -1,12 +1,13 @@
-"""What several tests share: one thread, and one run that is made once."""
+"""What several tests share: one thread, one run that is made once, and the command line."""
 
 import os
+import sys
 
 import pytest
 import torch
 from support import configure
 
-from morlnav.train import run
+from morlnav.train import main, run
 
 os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # as the command line does, before Ray is imported
 
@@ -22,3 +23,18 @@ def smoke_run(tmp_path_factory):
     directory = tmp_path_factory.mktemp("smoke")
     run(configure(), directory)
     return directory
+
+
+@pytest.fixture
+def train_command(tmp_path, monkeypatch):
+    """``morlnav-train WORDS`` in ``tmp_path``, but in this process: to start another one takes seconds."""
+
+    def command(*words):
+        monkeypatch.setattr(sys, "argv", ["morlnav-train", *words])
+        main()
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "")  # noted, so that what the command sets does not outlive the test
+    monkeypatch.delenv("HYDRA_FULL_ERROR")
+    return command

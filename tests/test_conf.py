@@ -14,6 +14,8 @@ from morlnav.cli import conf_dir
 
 CHECKOUT = Path(__file__).parents[1]
 APP = """
+import sys
+
 import hydra
 import morlnav
 from omegaconf import OmegaConf
@@ -22,6 +24,7 @@ from omegaconf import OmegaConf
 def main(cfg):
     OmegaConf.save(cfg, "composed.yaml")
     print(morlnav.__file__)
+    assert "matplotlib" not in sys.modules, "who only takes parts should not wait for what draws"
 
 main()
 """

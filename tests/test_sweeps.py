@@ -1,8 +1,6 @@
 """Sweeps by the launchers and sweepers that people use, two jobs each."""
 
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -25,13 +23,16 @@ SHORT = (ANALYTICAL, "trainer.total_frames=128", "evaluation.episodes=2", "evalu
 
 
 @pytest.mark.parametrize("sweep", SWEEPS)
-def test_a_sweep_of_two_jobs(sweep, tmp_path):
+def test_a_sweep_of_two_jobs(sweep, train_command, tmp_path, monkeypatch):
     if sweep == "ray":
         pytest.importorskip("ray")
-    command = [sys.executable, "-c", "from morlnav.train import main; main()", "-m", *SMALL, *SHORT, *SWEEPS[sweep]]
-    environment = os.environ | {"OMP_NUM_THREADS": "1", "RAY_worker_niceness": "0"}
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    for name, value in {"OMP_NUM_THREADS": "1", "RAY_worker_niceness": "0"}.items():
+        monkeypatch.setenv(name, value)
+    try:
+        train_command("-m", *SMALL, *SHORT, *SWEEPS[sweep])
+    finally:
+        if "ray" in sys.modules:
+            sys.modules["ray"].shutdown()
     runs = sorted(path.parent for path in tmp_path.glob("multirun/*/*/*/config.yaml"))
     assert len(runs) == 2
     for run in runs:

@@ -5,8 +5,7 @@ Importing :mod:`morlnav` registers ``morlnav/SocialNavigation-v0``.
 
 from __future__ import annotations
 
-import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -14,16 +13,14 @@ import torch
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.data import Bounded
 
 from morlnav.envs.navigation import NavigationEnv
-from morlnav.record.plots import draw_scene
-from morlnav.world import World
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ENV_ID = "morlnav/SocialNavigation-v0"
 MAX_EPISODE_STEPS = 250
@@ -89,17 +86,21 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
         """The scene from above, as an image ``[H, W, 3]`` of ``uint8``; ``None`` without that render mode."""
         if self.render_mode != "rgb_array":
             return None
-        return _frame(self._env.world, 0, self._track)
+        from morlnav.record.frames import render_frame  # only who draws pays for matplotlib
+
+        return render_frame(self._env.world, 0, self._track)
 
     def _show(self) -> None:
         if self.render_mode != "human":
             return
         from matplotlib import pyplot as plt  # looks for a screen
 
+        from morlnav.record.frames import draw_state
+
         if self._figure is None:
             self._figure = plt.figure("morlnav", figsize=(5, 5))
         self._figure.clear()
-        _draw(self._figure, self._env.world, 0, self._track)
+        draw_state(self._figure, self._env.world, 0, self._track)
         plt.pause(1 / self.metadata["render_fps"])
 
     def close(self) -> None:
@@ -189,7 +190,9 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
         """Every scene from above, as images ``[H, W, 3]`` of ``uint8``; ``None`` without a render mode."""
         if self.render_mode is None:
             return None
-        return tuple(_frame(self._env.world, index, track) for index, track in enumerate(self._tracks))
+        from morlnav.record.frames import render_frame
+
+        return tuple(render_frame(self._env.world, index, track) for index, track in enumerate(self._tracks))
 
     def _record(self, poses: Tensor) -> None:
         if self.render_mode is None:
@@ -202,25 +205,6 @@ def _checked(render_mode: str | None, modes: list[str]) -> str | None:
     if render_mode not in (None, *modes):
         raise ValueError(f"render_mode must be one of {modes}, got {render_mode}.")
     return render_mode
-
-
-def _draw(figure: Figure, world: World, index: int, track: list[Tensor]) -> None:
-    axes = figure.add_subplot()
-    axes.set_aspect("equal", adjustable="datalim")
-    draw_scene(axes, world.scene[index].cpu(), world.human_radius, world.robot.radius)
-    path, (x, y, heading) = torch.stack(track).cpu(), world.pose[index].tolist()
-    axes.plot(path[:, 0], path[:, 1], color="#2456d6")
-    axes.add_patch(Circle((x, y), world.robot.radius, color="#2456d6"))
-    tip = (x + 2 * world.robot.radius * math.cos(heading), y + 2 * world.robot.radius * math.sin(heading))
-    axes.plot([x, tip[0]], [y, tip[1]], color="#2456d6")
-
-
-def _frame(world: World, index: int, track: list[Tensor]) -> np.ndarray:
-    figure = Figure(figsize=(5, 5))
-    _draw(figure, world, index, track)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
 def _spaces(env: NavigationEnv) -> tuple[spaces.Box, spaces.Box, spaces.Box]:

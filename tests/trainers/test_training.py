@@ -176,7 +176,7 @@ def test_ctrl_c_says_how_to_go_on_and_going_on_loses_nothing(smoke_run, tmp_path
     assert_identical(torch.load(tmp_path / "policy.pt"), torch.load(smoke_run / "policy.pt"))
 
 
-def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_run, tmp_path):
+def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_run, train_command, tmp_path, capsys):
     directory = tmp_path / "0_seed=0,world=tensor"  # named as a sweep names its runs
     words = [sys.executable, "-m", "morlnav.train", *SMALL, ANALYTICAL, f"hydra.run.dir='{directory}'"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -191,11 +191,8 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_
         process.communicate()
     assert not (directory / "policy.pt").exists()
 
-    again = subprocess.run(
-        [sys.executable, "-m", "morlnav.train", f"resume={directory}"], capture_output=True, text=True, check=False
-    )
-    assert again.returncode == 0, again.stderr
-    assert "Continuing from" in again.stdout
+    train_command(f"resume={directory}")
+    assert "Continuing from" in capsys.readouterr().out
     assert_identical(torch.load(directory / "policy.pt"), torch.load(smoke_run / "policy.pt"))
 
 
@@ -381,12 +378,9 @@ def test_a_wrong_value_ends_in_one_sentence(override, sentence, tmp_path):
         ("resume=nowhere", ["resume=nowhere: no run of morlnav-train there."]),
     ],
 )
-def test_the_command_line_names_a_mistake_and_the_choices(override, words, tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(sys, "argv", ["morlnav-train", *SMALL, f"hydra.run.dir='{tmp_path}'", override])
-    monkeypatch.setenv("HYDRA_FULL_ERROR", "")  # noted, so that what the command sets does not outlive the test
-    monkeypatch.delenv("HYDRA_FULL_ERROR")
+def test_the_command_line_names_a_mistake_and_the_choices(override, words, train_command, tmp_path, capfd):
     with pytest.raises(SystemExit) as error:
-        morlnav.train.main()
+        train_command(*SMALL, f"hydra.run.dir='{tmp_path}'", override)
     assert error.value.code not in (0, None)
     text = capfd.readouterr().err + str(error.value)
     assert "Traceback" not in text

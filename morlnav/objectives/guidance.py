@@ -23,6 +23,7 @@ class Guidance(nn.Module):
     Without an ``entry`` it acts at every preference and is judged by all objectives. A guide that draws random actions
     with a negative margin then finds what the gradient cannot: where turning left and right are both better than
     what lies between, an actor that sits in the poorer mode stays there, however clearly both critics see the other.
+    Of several ``proposals`` the best one pulls, so that proposals to both sides do not cancel out.
 
     Args:
         guide: writes an action from entries of the batch, such as the behaviour clone; its parameters are frozen.
@@ -30,9 +31,10 @@ class Guidance(nn.Module):
         coefficient: ``c``.
         sharpness: ``p``.
         margin: in units of the scalarised value without the guided objective; below 0 the guide has to be better.
+        proposals: how many actions the guide is asked for in each state, of which the one of highest value counts.
 
     Raises:
-        ValueError: for a negative coefficient, sharpness or entry.
+        ValueError: for a negative coefficient, sharpness or entry, or no proposal.
 
     Examples:
         >>> import torch
@@ -50,6 +52,7 @@ class Guidance(nn.Module):
         coefficient: float = 0.3,
         sharpness: float = 4.0,
         margin: float = 0.1,
+        proposals: int = 1,
     ) -> None:
         super().__init__()
         if coefficient < 0 or sharpness < 0:
@@ -58,11 +61,14 @@ class Guidance(nn.Module):
             )
         if entry is not None and entry < 0:
             raise ValueError(f"The guided entry is counted from the front, from 0 on, got {entry}.")
+        if proposals < 1:
+            raise ValueError(f"The guide has to propose at least one action, got {proposals} proposals.")
         self.guide = guide.requires_grad_(False)
         self.entry = entry
         self.coefficient = coefficient
         self.sharpness = sharpness
         self.margin = margin
+        self.proposals = proposals
 
     def forward(self, apart: Tensor, gain: Tensor, preference: Tensor) -> Tensor:
         """Penalty ``[...]`` of actions that are ``apart`` ``[..., A]`` from the guide's, in half ranges.

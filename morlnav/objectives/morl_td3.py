@@ -296,12 +296,14 @@ class MORLTD3Loss(LossModule):
     def _guide(self, guidance: Guidance, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
         key, guide = self.tensor_keys.action, guidance.guide
         with torch.no_grad():
-            proposal = guide(tensordict.select(*guide.in_keys)).get(guide.out_keys[0])
-            gain = self._actors_value(acted.copy().set(key, proposal)) - value
+            batch = (guidance.proposals, *tensordict.batch_size)
+            proposals = guide(tensordict.select(*guide.in_keys).expand(batch)).get(guide.out_keys[0])
+            gain = self._actors_value(acted.expand(batch).set(key, proposals)) - value
             if guidance.entry is not None:  # what was demonstrated needs no judgement
                 static = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1]
                 gain[..., static + guidance.entry] = 0
-            gain = self._scalarise(tensordict, gain)
+            gain, best = self._scalarise(tensordict, gain).max(0)
+            proposal = proposals.take_along_dim(best[None, ..., None], 0).squeeze(0)
         apart = (acted.get(key) - proposal) / self._half_range
         return guidance(apart, gain, tensordict.get(self.tensor_keys.preference))
 

@@ -724,6 +724,34 @@ def test_a_search_pulls_at_every_preference_only_toward_what_is_clearly_better()
     assert 0 < (expected > 0).sum() < len(batch)
 
 
+def test_of_several_proposals_the_best_one_pulls():
+    batch, levels = make_batch(), torch.tensor([-1.5, -0.5, 0.5, 1.5])
+    guide = TensorDictModule(
+        lambda observation: levels.view(4, 1, 1).expand(*observation.shape[:-1], 1), ["observation"], ["action"]
+    )
+    loss = make_loss(guidance=Guidance(guide, entry=None, coefficient=0.5, margin=0.0, proposals=4))
+    _, metadata = loss.actor_loss(batch)
+
+    def scalar(action):
+        with loss.qvalue_network_params.detach()[0].to_module(loss.qvalue_network):
+            value = loss.qvalue_network(batch.clone().set("action", action))["state_action_value"]
+        return (LinearScalarisation()(batch["preference"], 3) * value).sum(-1)
+
+    with loss.actor_network_params.to_module(loss.actor_network):
+        action = loss.actor_network(batch.clone())["action"]
+    values = torch.stack([scalar(level.expand(len(batch), 1)) for level in levels])
+    best = levels[values.argmax(0)].unsqueeze(-1)
+    expected = 0.5 * (values.max(0).values >= scalar(action)) * ((action - best) / 2).square().sum(-1)
+    torch.testing.assert_close(metadata["guidance"], expected)
+    assert expected.any()
+    assert len(best.unique()) > 1
+
+
+def test_a_guide_without_proposals_is_refused():
+    with pytest.raises(ValueError, match="at least one action, got 0 proposals"):
+        Guidance(TensorDictModule(nn.Identity(), ["observation"], ["action"]), proposals=0)
+
+
 def test_guidance_teaches_the_actor_and_leaves_guide_and_critics_alone():
     torch.manual_seed(0)
     guide = TensorDictModule(nn.Linear(STATE, ACTION), ["observation"], ["action"])

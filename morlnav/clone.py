@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=20, help="held-out scenes (default: 20)")
     parser.add_argument("--hold", type=int, default=1, help="noise: steps that a random action lasts (default: 1)")
     parser.add_argument("--output", type=Path, default=Path("outputs/clone"), help="default: outputs/clone")
-    args = parser.parse_args()
+    args = parser.parse_intermixed_args()
     with one_sentence_errors():
         with initialize_config_dir(conf_dir(), version_base="1.3"):
             cfg = compose("train", args.overrides)

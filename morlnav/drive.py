@@ -209,7 +209,7 @@ def main() -> None:
     parser.add_argument("--import", dest="file", type=Path, metavar="FILE", help="a .csv or .npz file of trajectories")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")
     parser.add_argument("--size", type=int, nargs=2, default=(1000, 700), help="of the window in pixels")
-    args = parser.parse_args()
+    args = parser.parse_intermixed_args()
     with one_sentence_errors():
         with initialize_config_dir(conf_dir(), version_base="1.3"):
             cfg = compose("train", args.overrides)

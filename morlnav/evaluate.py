@@ -83,8 +83,8 @@ def evaluate_route(
     rollouts = _drive(policy, cfg, env, torch.stack([robot.schedule(leg, cfg.env.max_steps) for leg in routes]))
     references = demonstrated_paths(cfg, rollouts.scene[0], env.world, directory)
     summary = summarise(episode_metrics(rollouts, tuple(env.rewards), world=env.world, references=references))
-    names = [", ".join(f"{room} from {time:g} s" for time, room in sorted(leg.items())) for leg in routes]
-    summary.insert(0, "room", [*rooms, names[-1]])
+    label = ", ".join(f"{room} from {time:g} s" for time, room in sorted(route.items()))
+    summary.insert(0, "room", [*rooms, label])
     output = output or directory / "evaluation"
     output.mkdir(parents=True, exist_ok=True)
     summary.to_csv(output / "rooms.csv", index=False)

@@ -77,6 +77,8 @@ def load_config(directory: str | Path, device: str = "cpu") -> DictConfig:
         raise ValueError(f"{path} is damaged: it is no YAML.") from error
     cfg.device = device
     for name in demonstrated_objectives(cfg):
+        if "device" in cfg.objectives[name].reward:
+            cfg.objectives[name].reward.device = device
         reward = style_directory(path.parent, name) / "reward.pt"
         if reward.is_file():
             cfg.objectives[name].reward.path = str(reward)  # the run directory may have moved
@@ -88,7 +90,7 @@ def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Pol
 
     Args:
         directory: where a run wrote its ``config.yaml`` and ``policy.pt``.
-        trust: also build classes from outside ``morlnav`` and ``torch`` that the config names. Only for runs of your
+        trust: also build classes from outside ``morlnav`` that the config names. Only for runs of your
             own: building a class runs its code.
         device: where to put it, wherever it was trained.
 
@@ -102,7 +104,7 @@ def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Pol
     Examples:
         >>> policy = load("results/default")  # doctest: +SKIP
         >>> policy.objectives  # doctest: +SKIP
-        ('distance', 'efficiency')
+        ('demo', 'distance', 'efficiency')
     """
     cfg = load_config(directory, device)
     if not trust:
@@ -147,12 +149,11 @@ def _check(key: str, value: object) -> None:
 
 
 def _is_ours(path: str) -> bool:
-    """Whether ``path`` names a class that is defined in this package or among PyTorch's optimizers.
+    """Whether ``path`` names a class that is defined in this package.
 
     The path alone does not tell: ``morlnav.policy.Path`` begins well and ends elsewhere.
     """
-    homes = ("morlnav.", "torch.optim.")
-    if not path.startswith(homes):
+    if not path.startswith("morlnav."):
         return False
     try:
         target = get_object(path)
@@ -160,4 +161,4 @@ def _is_ours(path: str) -> bool:
         return False
     if target is load_reward:  # reads weights and numbers, and builds three known classes
         return True
-    return isinstance(target, type) and f"{target.__module__}.".startswith(homes)
+    return isinstance(target, type) and target.__module__.startswith("morlnav.")

@@ -35,7 +35,7 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     torch.set_num_threads(cfg.threads)
     torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
     directory.mkdir(parents=True, exist_ok=True)
-    (directory / "versions.json").write_text(json.dumps(_versions(), indent=2))
+    _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
     logger = TensorboardCSVLogger("logs", directory)
     learn_demonstration_rewards(cfg, directory, logger)
     OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
@@ -110,6 +110,17 @@ def _versions() -> dict[str, str]:
     return versions
 
 
+def _keep_versions(path: Path, resumed: bool) -> None:
+    """Write what the run begins with; what it goes on with is added where it differs."""
+    versions, later = _versions(), []
+    if resumed and path.is_file():
+        now, versions = versions, json.loads(path.read_text())
+        later = versions.pop("resumed", [])
+        if now != (later or [versions])[-1]:
+            later.append(now)
+    path.write_text(json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
+
+
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
     directory = Path(HydraConfig.get().runtime.output_dir)
@@ -118,8 +129,18 @@ def _main(cfg: DictConfig) -> float:
     return float(load_fronts(directory)["expected_utility"].iloc[0])  # what a sweeper may maximise
 
 
+def _folders_of_configs(path: Path) -> list[str]:
+    """The words that named other folders of configs when a run began; Hydra does not count them as its overrides."""
+    if not path.is_file():
+        return []
+    settings = OmegaConf.load(path).hydra
+    folders = [source.path for source in settings.runtime.config_sources if source.provider == "command-line"]
+    searched = [word for word in settings.overrides.hydra if word.startswith("hydra.searchpath=")]
+    return [*(word for folder in folders for word in ("--config-dir", folder)), *searched]
+
+
 def main() -> None:
-    """Entry point; ``resume=DIR`` continues in the directory it names, with the overrides the run began with."""
+    """Entry point; ``resume=DIR`` continues in the directory it names, with the overrides and folders of configs it began with."""
     quiet()
     sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder
     # Under `uv run` Ray would give every worker an environment and a copy of this folder of its own.
@@ -131,7 +152,7 @@ def main() -> None:
         overrides = directory / ".hydra" / "overrides.yaml"
         if not overrides.is_file():
             sys.exit(f"resume={resume[-1]}: no run of morlnav-train there.")
-        words = [*OmegaConf.load(overrides), *sys.argv[1:]]
+        words = [*_folders_of_configs(overrides.with_name("hydra.yaml")), *OmegaConf.load(overrides), *sys.argv[1:]]
         words = [word for word in words if not word.startswith("resume=")]
         # Quoted, for a directory may have "=" and "," in its name.
         sys.argv[1:] = [*words, f"resume='{resume[-1]}'", f"hydra.run.dir='{directory}'"]

@@ -22,7 +22,7 @@ def test_the_clone_is_measured_under_noise_and_against_the_demonstrator(tmp_path
 
 def test_one_command_makes_the_figure_over_the_number_of_demonstrations(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(clone.study_number, "__defaults__", (20, (1, 4)))
-    words = ["morlnav-clone", "number", *TINY, f"cache={tmp_path / 'cache'}", "--episodes", "2"]
+    words = ["morlnav-clone", "number", *TINY, "--episodes", "2", f"cache={tmp_path / 'cache'}"]
     monkeypatch.setattr(sys, "argv", [*words, "--output", str(tmp_path / "out")])
     clone.main()
     assert pd.read_csv(tmp_path / "out" / "number.csv")["demonstrations"].tolist() == [1, 4]

@@ -78,3 +78,9 @@ def test_another_project_composes_our_groups_under_its_own_names(installed, tmp_
 def test_every_recipe_can_be_tried_in_seconds(recipe):
     with initialize_config_dir(conf_dir(), version_base="1.3"):
         assert compose("train", [f"recipe={recipe}", "trainer=smoke"]).trainer.total_frames == 512
+
+
+def test_the_papers_recipe_trains_on_a_reward_that_fails_its_audit():
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        cfgs = [compose("train", [f"recipe={recipe}"]) for recipe in ("paper", "recommended")]
+    assert [cfg.audit.required for cfg in cfgs] == [False, True]

@@ -183,7 +183,7 @@ def test_recordings_grow_from_drive_to_drive(tmp_path):
 def test_a_file_is_imported_by_one_command(tmp_path, monkeypatch, capsys):
     data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 2, num_envs=4)
     export_demonstrations(data, tmp_path / "drives.csv")
-    words = ["morlnav-record", str(tmp_path / "mine"), "--import", str(tmp_path / "drives.csv")]
+    words = ["morlnav-record", str(tmp_path / "mine"), "--import", str(tmp_path / "drives.csv"), "env.num_envs=4"]
     monkeypatch.setattr(sys, "argv", words)
     drive.main()
     assert "mine holds 2 demonstrations" in capsys.readouterr().out

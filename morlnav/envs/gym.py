@@ -68,7 +68,7 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         if seed is not None:
             self._env.set_seed(seed)
-        state = self._env.reset(**(options or {}))
+        state = self._env.reset(**(options or {})).cpu()
         self._track = [state["pose"][0, :2]]
         self._show()
         return state["observation"][0].numpy(), _info(state, 0)
@@ -76,7 +76,7 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool, bool, dict[str, Any]]:
         """Drive for one control step with ``action`` ``(v, ω)`` in m/s and rad/s."""
         batch = TensorDict({"action": torch.as_tensor(np.asarray(action, np.float32)).reshape(1, 2)}, [1])
-        state = self._env.step(batch)["next"]
+        state = self._env.step(batch.to(self._env.device))["next"].cpu()
         self._track.append(state["pose"][0, :2])
         self._show()
         reward = state["reward"][0].numpy()
@@ -165,7 +165,7 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
         super().reset(seed=seed)
         if seed is not None:
             self._env.set_seed(seed)
-        state = self._env.reset(**(options or {}))
+        state = self._env.reset(**(options or {})).cpu()
         self._steps[:], self._ended[:] = 0, False
         self._record(state["pose"])
         return state["observation"].numpy(), _info(state)
@@ -174,9 +174,10 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
         """Drive every robot for one control step; those whose episode had ended begin a new one instead."""
         began = torch.from_numpy(self._ended)
         batch = TensorDict({"action": torch.as_tensor(np.asarray(actions, np.float32))}, [self.num_envs])
-        state = self._env.step(batch)["next"]
+        state = self._env.step(batch.to(self._env.device))["next"].cpu()
         if began.any():
-            fresh = self._env.reset(TensorDict({"_reset": began.unsqueeze(-1)}, [self.num_envs]))
+            ended = TensorDict({"_reset": began.unsqueeze(-1)}, [self.num_envs])
+            fresh = self._env.reset(ended.to(self._env.device)).cpu()
             state = fresh.where(began, state, pad=0)  # the step that begins an episode has no reward
         terminated = state["terminated"].squeeze(-1).numpy()
         self._steps = np.where(self._ended, 0, self._steps + 1)

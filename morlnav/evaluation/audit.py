@@ -166,7 +166,7 @@ def audit_reward(
         planner(reward, without_boxes(scenes[index]) if bare and turn % 2 else scenes[index])
         for turn, index in enumerate(chosen)
     ]
-    references = reference_paths(scenes[chosen], oracle, world=world) if chosen else []
+    references = reference_paths(scenes[chosen], oracle, world=world, max_steps=2 * max_steps) if chosen else []
     others = behaviours[1:]
     facts = {
         "target_rank": 1 + int((others["margin"] < 0).sum()),

@@ -68,9 +68,13 @@ def _report(audit: Audit) -> str:
     lines += ["", "| ε | mean reward | baseline return (normalised) |", "|--:|--:|--:|"]
     lines += [f"| {row.epsilon:.2f} | {row.mean_reward:.2f} | {row.baseline:.2f} |" for row in audit.noise.itertuples()]
     if len(audit.plans):
-        lines += ["", "| scene planned | boxes | ends | Fréchet m | min d_h m | side |", "|--:|--:|:--|--:|--:|:--|"]
+        lines += [
+            "",
+            "| scene planned | boxes | ends | Fréchet m | min d_h m | human on the |",
+            "|--:|--:|:--|--:|--:|:--|",
+        ]
     for row in audit.plans.itertuples():
-        side = "right" if row.human_on_right else "wrong"
+        side = "right" if row.human_on_right else "left"
         cells = (row.scene, row.boxes, row.outcome, f"{row.frechet:.2f}", f"{row.min_human_distance:.2f}", side)
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     lines += ["", *[f"- {text}: {audit.facts[name]:.2f}" for name, text in FACTS.items()]]

@@ -167,12 +167,7 @@ def make_loss(
         action_spec=env.action_spec_unbatched,
         scalarisation=_make_scalarisation(cfg, env),
         angle=instantiate(cfg.loss.angles[cfg.loss.angle]),
-        interpolator=instantiate(
-            cfg.loss.interpolator,
-            num_objectives=len(env.objectives),
-            num_static=env.num_static,
-            steps=cfg.loss.interpolator.get("steps", cfg.evaluation.during.steps),  # every evaluation measures each key
-        ).to(env.device),
+        interpolator=_make_interpolator(cfg, env),
         reward_bounds=cfg.replay.reward_scale * env.reward_bounds if cfg.loss.get("bounded") else None,
         guidance=guides,
     )
@@ -181,6 +176,18 @@ def make_loss(
     for network in (loss.actor_network, loss.qvalue_network, *guides):
         round_products(network, dtype)
     return loss.to(env.device)
+
+
+def _make_interpolator(cfg: DictConfig, env: NavigationEnv) -> nn.Module | None:
+    node = cfg.loss.get("interpolator")
+    if node is None:
+        return None
+    return instantiate(
+        node,
+        num_objectives=len(env.objectives),
+        num_static=env.num_static,
+        steps=node.get("steps", cfg.evaluation.during.steps),  # every evaluation measures each key
+    ).to(env.device)
 
 
 def product_dtype(name: str, device: torch.device) -> torch.dtype:

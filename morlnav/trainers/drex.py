@@ -77,9 +77,12 @@ def learn_demonstration_rewards(cfg: DictConfig, directory: Path, logger: Logger
         reward, path = cfg.objectives[name].reward, style_directory(directory, name) / "reward.pt"
         if "path" not in reward:  # a class of the user's own
             continue
+        view = style_config(cfg, name)
+        if "offset" in view.objectives[name]:
+            cfg.objectives[name].offset = view.objectives[name].offset  # of its own ranking
         if not path.exists():
             if reward.path is None:
-                _learn_reward(style_config(cfg, name), directory, path, logger)
+                _learn_reward(view, directory, path, logger)
             else:
                 save_reward(load_reward(reward.path), path, read_facts(reward.path)["facts"])
         reward.path = str(path)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import math
+import multiprocessing
+import signal
 import traceback
 from functools import partial
 from pathlib import Path
@@ -132,6 +134,8 @@ def _make_collector(cfg: DictConfig, env: TransformedEnv, policy: TensorDictModu
 
 def _make_workers_env(cfg: DictConfig, share: int, worker: int) -> TransformedEnv:
     seed = cfg.seed * cfg.collector.num_collectors + worker
+    if multiprocessing.parent_process() is not None:  # Ctrl-C reaches all processes; the learner stops the workers
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     torch.manual_seed(seed)  # preferences and exploration draw from the worker's global state
     if "offset" in cfg.preferences:  # its environments are those from this number on
         cfg = copy.deepcopy(cfg)
@@ -153,10 +157,12 @@ def _make_replay(cfg: DictConfig, env: TransformedEnv) -> ReplayBuffer:
                 "replay.demonstrations needs env.observe_human=true: rewards are computed from what is seen."
             )
         views = [style_config(cfg, name) for name in demonstrated_objectives(cfg)] or [cfg]
-        rows = torch.cat([rewarded_transitions(make_demonstrations(view), base.rewards) for view in views])
+        rows = torch.cat(
+            [rewarded_transitions(make_demonstrations(view).to(cfg.device), base.rewards) for view in views]
+        )
         rows["preference"] = make_preferences(cfg, len(base.objectives))(len(rows))
         rows["next", "preference"] = rows["preference"]
-        replay.extend(rows.to(cfg.device))
+        replay.extend(rows)
     return replay
 
 

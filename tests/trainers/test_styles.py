@@ -15,7 +15,7 @@ from morlnav.data import load_demonstrations, record_demonstrations, save_demons
 from morlnav.modules import CircumnavigationOracle, PassingOracle, read_facts
 from morlnav.policy import check_targets, load_config
 from morlnav.train import run
-from morlnav.trainers.drex import judge_clone, make_demonstrations, stage_directory
+from morlnav.trainers.drex import judge_clone, learn_demonstration_rewards, make_demonstrations, stage_directory
 from morlnav.trainers.styles import (
     demonstrated_objectives,
     demonstrated_paths,
@@ -113,6 +113,22 @@ def test_every_clone_guides_toward_its_own_corner(many, tmp_path):
     assert search.entry is None
     proposals = [guide.guide.module(torch.ones(1, 34)) for guide in guidance]
     assert not torch.equal(proposals[0], proposals[1])
+
+
+def test_a_style_is_trained_with_the_offset_of_its_own_ranking(many):
+    _, directory = many
+    cfg = configure(*words(directory), "+styles.wide_left.ranking={offset: 0.5}")
+    learn_demonstration_rewards(cfg, directory / "run")  # all are learned
+    assert cfg.objectives.wide_left.offset == 0.5
+    assert cfg.objectives.demo.offset == cfg.objectives.recorded.offset == cfg.ranking.offset != 0.5
+
+
+def test_a_run_is_read_for_another_device_than_it_was_trained_on(many, tmp_path):
+    _, directory = many
+    cfg = OmegaConf.load(directory / "run" / "config.yaml")
+    cfg.device = cfg.objectives.demo.reward.device = "cuda"
+    OmegaConf.save(cfg, tmp_path / "config.yaml")
+    assert load_config(tmp_path).objectives.demo.reward.device == "cpu"
 
 
 def test_the_clone_stands_in_for_whoever_was_recorded(many):

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import pickle
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from support import ANALYTICAL, SMALL, configure, trainer_for
 from torchrl.checkpoint import CheckpointError, CheckpointRotation
 
 import morlnav.train
+from morlnav.cli import conf_dir
 from morlnav.evaluate import evaluate_run
 from morlnav.train import run
 
@@ -178,7 +180,11 @@ def test_ctrl_c_says_how_to_go_on_and_going_on_loses_nothing(smoke_run, tmp_path
 
 def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_run, train_command, tmp_path, capsys):
     directory = tmp_path / "0_seed=0,world=tensor"  # named as a sweep names its runs
-    words = [sys.executable, "-m", "morlnav.train", *SMALL, ANALYTICAL, f"hydra.run.dir='{directory}'"]
+    mine = tmp_path / "my_conf" / "preferences" / "mine.yaml"
+    mine.parent.mkdir(parents=True)
+    shutil.copy(Path(conf_dir()) / "preferences" / "corners.yaml", mine)
+    words = [sys.executable, "-m", "morlnav.train", "--config-dir", str(tmp_path / "my_conf"), "preferences=mine"]
+    words += [*SMALL, ANALYTICAL, f"hydra.run.dir='{directory}'"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         for _ in range(1200):
@@ -191,7 +197,10 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_
         process.communicate()
     assert not (directory / "policy.pt").exists()
 
+    versions = json.loads((directory / "versions.json").read_text())
+    (directory / "versions.json").write_text(json.dumps(versions | {"git": "another"}))
     train_command(f"resume={directory}")
+    assert json.loads((directory / "versions.json").read_text()) == versions | {"git": "another", "resumed": [versions]}
     assert "Continuing from" in capsys.readouterr().out
     assert_identical(torch.load(directory / "policy.pt"), torch.load(smoke_run / "policy.pt"))
 
@@ -242,6 +251,7 @@ def test_resuming_from_a_place_without_checkpoints_says_so(path, tmp_path):
         ["loss.angle=paper"],
         ["loss.angle=safe"],
         ["loss.num_qvalue_nets=3"],
+        ["loss.interpolator=null"],
         ["loss.scalarisation.tie_break=0.01"],
         ["replay.relabel.share=0"],
         ["env.scenes.num_boxes=0"],

@@ -140,7 +140,7 @@ def _folders_of_configs(path: Path) -> list[str]:
 
 
 def main() -> None:
-    """Entry point; ``resume=DIR`` continues there, with the overrides and folders of configs that the run began with."""
+    """Entry point; ``resume=DIR`` continues there, with the overrides and config folders that it began with."""
     quiet()
     sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder
     # Under `uv run` Ray would give every worker an environment and a copy of this folder of its own.

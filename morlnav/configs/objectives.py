@@ -109,4 +109,5 @@ class GuidanceConfig(PartConfig):
     coefficient: float = 0.3
     sharpness: float = 4.0
     margin: float = 0.1
+    proposals: int = 1
     _target_: str = "morlnav.objectives.Guidance"

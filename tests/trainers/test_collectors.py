@@ -8,6 +8,7 @@ import torch
 from support import ANALYTICAL, SMALL, configure, trainer_for
 
 from morlnav.train import run
+from morlnav.trainers.experiment import _make_workers_env
 from morlnav.trainers.workers import watched
 
 FATAL = """
@@ -79,11 +80,8 @@ def test_environments_must_divide_among_workers(tmp_path):
         trainer_for(configure("collector=processes", "collector.num_collectors=3"), tmp_path)
 
 
-def test_the_workers_segments_are_the_whole_preference_space(tmp_path):
-    words = ["collector=processes", "env.num_envs=4", "trainer.frames_per_batch=4", "preferences=segments"]
-    trainer = trainer_for(configure(*words, "trainer.random_frames=0"), tmp_path)
-    try:
-        first = next(iter(trainer.collector))["preference"].reshape(4, -1)[:, 0]
-    finally:
-        trainer.collector.shutdown()
+def test_the_workers_segments_are_the_whole_preference_space():
+    cfg = configure("collector=processes", "env.num_envs=4", "preferences=segments")
+    envs = [_make_workers_env(cfg, share=2, worker=worker) for worker in range(2)]
+    first = torch.cat([env.reset()["preference"][:, 0] for env in envs])
     assert (first * 4).long().sort().values.tolist() == [0, 1, 2, 3]

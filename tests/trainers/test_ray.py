@@ -20,7 +20,8 @@ QUIET = ("trainer.exploration.sigma_init=0", "trainer.exploration.sigma_end=0", 
 def test_a_run_of_asynchronous_workers_starts_a_cluster_and_stops_it(tmp_path, monkeypatch):
     monkeypatch.setenv("RAY_worker_niceness", "0")  # or workers get little of a busy machine
     with tempfile.TemporaryDirectory() as cluster:  # short, for names of sockets are
-        words = ["collector.sync=false", "evaluation.episodes=2", f"+collector.ray_init_config._temp_dir={cluster}"]
+        words = ["collector.sync=false", "collector.num_collectors=1", "evaluation.episodes=2"]
+        words += [f"+collector.ray_init_config._temp_dir={cluster}"]
         run(configure("collector=ray", *words), tmp_path)
         assert (tmp_path / "policy.pt").is_file()
         assert (Path(cluster) / "session_latest").is_dir()

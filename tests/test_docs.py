@@ -82,11 +82,12 @@ def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
 def test_a_command_of_a_page_is_understood(words, monkeypatch):
     program, *overrides = words
     if program != "morlnav-train":
+        parse = argparse.ArgumentParser.parse_intermixed_args
+
+        def stop(parser):
+            raise Parsed(parse(parser, words[1:]))
+
         for name in ("parse_args", "parse_intermixed_args"):
-
-            def stop(parser, parse=getattr(argparse.ArgumentParser, name)):
-                raise Parsed(parse(parser, words[1:]))
-
             monkeypatch.setattr(argparse.ArgumentParser, name, stop)
         with pytest.raises(Parsed) as parsed:
             entry_points(group="console_scripts")[program].load()()

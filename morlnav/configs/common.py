@@ -35,12 +35,12 @@ def store(group: str, name: str) -> Callable[[T], T]:
     The name must differ from those of the group's YAML files, for Hydra would take it for their schema.
 
     Examples:
-        >>> @store("world", "flat")
+        >>> @store("vehicle", "truck")
         ... @dataclass
-        ... class FlatWorldConfig(PartConfig):
-        ...     _target_: str = "my_package.FlatWorld"
-        >>> ConfigStore.instance().load("world/flat.yaml").node._target_
-        'my_package.FlatWorld'
+        ... class TruckConfig(PartConfig):
+        ...     _target_: str = "my_package.Truck"
+        >>> ConfigStore.instance().load("vehicle/truck.yaml").node._target_
+        'my_package.Truck'
     """
 
     def register(config: T) -> T:

@@ -22,7 +22,7 @@ def draw_state(figure: Figure, world: World, index: int, track: list[Tensor]) ->
     axes = figure.add_subplot()
     axes.set_aspect("equal", adjustable="datalim")
     draw_scene(axes, world.scene[index].cpu(), world.human_radius, world.robot.radius)
-    path, (x, y, heading) = torch.stack(track).cpu(), world.pose[index].tolist()
+    path, (x, y, heading) = torch.stack(track), world.pose[index].tolist()
     axes.plot(path[:, 0], path[:, 1], color=ROBOT)
     axes.add_patch(Circle((x, y), world.robot.radius, color=ROBOT))
     tip = (x + 2 * world.robot.radius * math.cos(heading), y + 2 * world.robot.radius * math.sin(heading))

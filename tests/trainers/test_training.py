@@ -382,7 +382,7 @@ def test_a_wrong_value_ends_in_one_sentence(override, sentence, tmp_path):
     ("override", "words"),
     [
         ("loss.angle=wrong", ["loss.angle must be one of none, safe, paper, got wrong."]),
-        ("world=nosuch", ["There is no world/nosuch; choose from: ", "pymunk, ", "tensor"]),
+        ("world=nosuch", ["There is no world/nosuch; choose from: pymunk, ", "tensor"]),
         ("trainer.batchsize=3", ["There is no batchsize in trainer; choose from: ", "batch_size"]),
         ("nosuch=3", ["There is no nosuch in the config; choose from: world, "]),
         ("resume=nowhere", ["resume=nowhere: no run of morlnav-train there."]),

@@ -17,6 +17,18 @@ SMALL = (
     "replay.capacity=4096",
 )
 
+BRIEF = (  # episodes and rewards of a run with demonstrations
+    "env.scenes.distance=[5,6]",
+    "env.max_steps=100",
+    "demonstrations.num=4",
+    "demonstrations.num_envs=8",
+    "ranking.episodes=2",
+    "ranking.members=[[observation],[observation,action]]",
+    "audit.scenes=2",
+    "evaluation.episodes=2",
+    "evaluation.steps=1",
+)
+
 
 def configure(*overrides):
     """The config of ``morlnav-train trainer=smoke OVERRIDES``, small, and without demonstrations unless asked for."""

@@ -10,7 +10,6 @@ from typing import Any
 import pandas as pd
 
 from morlnav.evaluation.audit import Audit
-from morlnav.record.audit_plots import plot_margins, plot_noise, plot_plans
 
 FACTS = {
     "target_reward": "mean reward of the target",
@@ -39,6 +38,8 @@ def write_audit(audit: Audit, directory: str | Path, settings: Mapping[str, Any]
     Returns:
         Markdown: the verdict with its reasons, and the tables.
     """
+    from morlnav.record.audit_plots import plot_margins, plot_noise, plot_plans  # loads matplotlib
+
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     for name in ("behaviours", "noise", "calibration", "plans"):

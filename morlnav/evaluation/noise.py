@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import pandas as pd
+import scipy
 import torch
-from scipy import stats
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -118,7 +118,7 @@ def judge_noise(
         {
             "noise_correlation": _spearman(noise["epsilon"], noise["mean_reward"]),
             "return_spearman": _spearman(predicted.flatten(), baseline.flatten()),
-            "return_kendall": float(stats.kendalltau(predicted.flatten(), baseline.flatten()).statistic),
+            "return_kendall": float(scipy.stats.kendalltau(predicted.flatten(), baseline.flatten()).statistic),
             "mean_spearman": _spearman(mean.flatten(), baseline.flatten()),
             "length_spearman": _spearman(mean.flatten(), steps.flatten()),
             **facts,
@@ -154,4 +154,4 @@ def _calibrate(
 
 def _spearman(first: Tensor | pd.Series, second: Tensor | pd.Series) -> float:
     first, second = np.asarray(first, float), np.asarray(second, float)
-    return float(stats.spearmanr(first, second).statistic) if np.ptp(first) and np.ptp(second) else float("nan")
+    return float(scipy.stats.spearmanr(first, second).statistic) if np.ptp(first) and np.ptp(second) else float("nan")

@@ -13,7 +13,6 @@ from morlnav.evaluation.metrics import episode_metrics, frechet_column
 from morlnav.evaluation.pareto import expected_utility, hypervolume, pareto_mask, utility
 from morlnav.evaluation.rollout import Rollouts
 from morlnav.evaluation.statistics import compare_extremes, fidelity, overall, summarise, tuneable_objectives
-from morlnav.record.plots import plot_metrics, plot_trajectories
 from morlnav.world import World
 
 TABLE = {
@@ -131,6 +130,8 @@ def write_report(
 
     tuneable = rewards[len(rewards) - rollouts.preference.shape[-1] :]
     if len(tuneable) >= 2:
+        from morlnav.record.plots import plot_metrics, plot_trajectories  # loads matplotlib
+
         shown = [scene for scene in scenes if scene < rollouts.batch_size[1]]
         radii = {} if world is None else {"human_radius": world.human_radius, "robot_radius": world.robot.radius}
         figure = plot_trajectories(rollouts, tuneable, shown, references=references, **radii)

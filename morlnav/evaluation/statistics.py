@@ -7,7 +7,7 @@ from itertools import permutations
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 FIDELITY = {"distance": ("min_human_distance", 1), "efficiency": ("navigation_time", -1), "demo": ("frechet", -1)}
 """The metric that each objective should move, and which way."""
@@ -111,7 +111,7 @@ def _interval(values: np.ndarray, confidence: float, resamples: int, rng: np.ran
     if len(values) < 2:
         return np.nan, np.nan
     # Percentile rather than BCa, which is undefined for constant values.
-    result = stats.bootstrap(
+    result = scipy.stats.bootstrap(
         (values,), np.mean, n_resamples=resamples, confidence_level=confidence, method="percentile", rng=rng
     )
     return tuple(result.confidence_interval)
@@ -154,7 +154,7 @@ def _welch(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
     if np.ptp(first) == 0 == np.ptp(second):  # no variance: the test is exact
         difference = first[0] - second[0]
         return (0.0, 1.0) if difference == 0 else (np.copysign(np.inf, difference), 0.0)
-    return tuple(stats.ttest_ind(first, second, equal_var=False))
+    return tuple(scipy.stats.ttest_ind(first, second, equal_var=False))
 
 
 def stars(p: float) -> str:
@@ -202,7 +202,7 @@ def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None
         groups = [(g[f"lambda_{name}"].iloc[0], metric_values(g, metric)) for _, g in frame.groupby("preference")]
         weight, mean = np.array([(w, values.mean()) for w, values in groups if len(values)]).reshape(-1, 2).T
         varied = len(mean) > 1 and np.ptp(weight) > 0 and np.ptp(mean) > 0
-        spearman = sign * stats.spearmanr(weight, mean).statistic if varied else np.nan
+        spearman = sign * scipy.stats.spearmanr(weight, mean).statistic if varied else np.nan
         tests = compare_extremes(frame, [metric]).query("first == @name")
         tests = tests.rename(columns={"second": "versus", "mean_first": "mean", "mean_second": "mean_versus"})
         rows.append(tests.drop(columns="first").assign(objective=name, sign=sign, spearman=spearman))

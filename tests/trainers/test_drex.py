@@ -2,7 +2,7 @@ import json
 
 import pytest
 import torch
-from support import configure, trainer_for
+from support import BRIEF, configure, trainer_for
 
 from morlnav import load
 from morlnav.evaluate import main as evaluate_main
@@ -10,7 +10,7 @@ from morlnav.modules import load_reward, read_facts
 from morlnav.train import run
 from morlnav.trainers.drex import make_demonstrations
 
-SMALL = ["objectives=[baseline,demo,distance,efficiency]"]
+SMALL = [*BRIEF, "objectives=[baseline,demo,distance,efficiency]"]
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_ablations_of_the_reward_are_configs(ablation, tmp_path):
 
 
 def test_the_literal_recipe_is_one_word(tmp_path):
-    words = ["ranking=literal", "ranking.levels=[0.0,0.9]", "ranking.episodes=4", "ranking.fit.steps=5"]
+    words = ["ranking=literal", "ranking.levels=[0.0,0.9]", "ranking.members=[[observation,action]]"]
     run(configure(*SMALL, f"cache={tmp_path}", *words), tmp_path / "run")
     assert read_facts(tmp_path / "run" / "reward.pt")["model"]["class"] == "RewardModel"
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
-from support import configure, trainer_for
+from support import BRIEF, configure, trainer_for
 
 from morlnav import audit as audit_command
 from morlnav import load
@@ -28,10 +28,6 @@ from morlnav.world import SceneSampler, TensorWorld
 NAMES = ["baseline", "demo", "wide_left", "recorded", "distance", "efficiency"]
 
 
-BRIEF = ["env.scenes.distance=[5,6]", "env.max_steps=100", "audit.scenes=2", "ranking.episodes=2", "evaluation.steps=1"]
-BRIEF += ["evaluation.episodes=2", "demonstrations.num=4", "trainer.total_frames=128", "demonstrations.num_envs=8"]
-
-
 def record(folder, num=4, seed=0):
     sampler = SceneSampler(distance=(5.0, 6.0))
     data, _ = record_demonstrations(CircumnavigationOracle(), sampler, num, seed=seed, num_envs=8)
@@ -48,7 +44,7 @@ def words(directory):
 def many(tmp_path_factory):
     directory = tmp_path_factory.mktemp("styles")
     record(directory / "recording")
-    cfg = configure(*words(directory), *BRIEF)
+    cfg = configure(*words(directory), *BRIEF, "trainer.total_frames=128")
     run(cfg, directory / "run")
     return cfg, directory
 

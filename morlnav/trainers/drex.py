@@ -19,13 +19,13 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 from torchrl.record.loggers import Logger
 
-from morlnav.audit import audit_run
 from morlnav.cli import stage
 from morlnav.data import SnippetPairs, load_demonstrations, roll_out_ranked, save_demonstrations
 from morlnav.envs import NavigationEnv, default_objectives
 from morlnav.evaluation import Thresholds, evaluate_policy, frechet_distance
 from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, load_weights, read_facts, save_reward
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
+from morlnav.trainers.auditing import audit_run
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
 from morlnav.trainers.styles import (
     CLONE_FILE,

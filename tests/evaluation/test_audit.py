@@ -6,9 +6,10 @@ import pytest
 import torch
 from support import configure
 
-from morlnav.audit import audit_run, find_reward, main
+from morlnav.audit import main
 from morlnav.evaluation import Outcome, Thresholds, alternative_behaviours, audit_reward, evaluation_scenes, write_audit
 from morlnav.modules import RewardEnsemble, RewardModel, read_facts, save_reward
+from morlnav.trainers.auditing import audit_run, find_reward
 from morlnav.world import DifferentialDrive, Lidar, SceneSampler, TensorWorld
 
 

@@ -325,11 +325,11 @@ def test_discounts_may_differ_between_the_entries_of_the_reward(tmp_path):
 def test_scales_tie_breaks_and_reward_bounds_follow_the_objectives_of_the_config(tmp_path):
     trainer, _ = train_briefly(
         tmp_path,
-        "loss.scalarisation.scale.distance=0.7",
+        "loss.scalarisation.scale={default: 1.0, distance: 0.7, efficiency: 1.2}",
         "loss.scalarisation.tie_break={default: 0.0, efficiency: 0.2}",
     )
     loss = trainer.loss_module
-    torch.testing.assert_close(loss.scalarisation.scale, torch.tensor([0.7, 1.0]))
+    torch.testing.assert_close(loss.scalarisation.scale, torch.tensor([0.7, 1.2]))
     torch.testing.assert_close(loss.scalarisation.tie_break, torch.tensor([0.0, 0.2]))
     torch.testing.assert_close(loss.return_bounds.high[1:], torch.tensor([0.0, -0.1]))  # in the learner's unit
 

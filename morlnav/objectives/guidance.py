@@ -11,11 +11,14 @@ class Guidance(nn.Module):
 
     A learned reward says what a good path is, but a single action changes its return by less than the critic's error:
     the policy gradient alone stops at a path that is good enough. The guide proposes an action ``a_g(s)``, and the
-    actor is drawn toward it unless the critic sees a loss of more than ``margin`` in it (after the Q-filter of Nair et
-    al., ICRA 2018), counted over all objectives but the guided one: that is the guide's own affair, and would outweigh
-    a collision that is still a few steps away::
+    actor is drawn toward it unless one of the critics sees a loss of more than ``margin`` in it (after the Q-filter of
+    Nair et al., ICRA 2018), counted over all objectives but the guided one: that is the guide's own affair, and would
+    outweigh a collision that is still a few steps away::
 
-        c·λ_i^p·1[w₋ᵢᵀQ(s, a_g, λ) ≥ w₋ᵢᵀQ(s, π, λ) - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
+        c·λ_i^p·1[min_k w₋ᵢᵀ(Q_k(s, a_g, λ) - Q_k(s, π, λ)) ≥ g - margin]·‖(π - a_g) / h‖²,   h = (high - low) / 2
+
+    Here ``g ≥ 0`` is the gain of the best action that a search beside it has found, if there is one: where something
+    clearly better than the actor is known, a guide that is only as good as the actor has nothing to say.
 
     With ``λ_i = 0`` it is absent; ``p`` keeps it to preferences near the guided corner, for one network serves all of
     them and a strong pull would crowd out the others' gradients.
@@ -75,7 +78,8 @@ class Guidance(nn.Module):
 
         Args:
             apart: with a gradient.
-            gain: scalarised value of the guide's action less that of the actor's, without ``λ_i``'s part, ``[...]``.
+            gain: scalarised value of the guide's action less that of the actor's, without ``λ_i``'s part and less the
+                gain ``g`` of what a search found, ``[...]``.
             preference: ``[..., n]``.
         """
         followed = (gain >= -self.margin).to(apart)

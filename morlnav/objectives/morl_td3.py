@@ -276,11 +276,12 @@ class MORLTD3Loss(LossModule):
         """Loss of the actor and its metadata; the critics that it climbs get no gradient."""
         weights = self._maybe_get_priority_weight(tensordict)
         acted = self._act(tensordict, self.actor_network_params)
-        value = self._actors_value(acted)
+        values = self._actors_values(acted)
+        value = values.mean(0)
         loss = -self._scalarise(tensordict, value)
         metadata = {"state_action_value_actor": value.detach()}
         if self.guidance:
-            penalty = sum(self._guide(guidance, tensordict, acted, value) for guidance in self.guidance)
+            penalty = self._guide(tensordict, acted, values.detach())
             metadata["guidance"] = penalty.detach()
             loss = loss + penalty
         if self.angle is not None:
@@ -289,23 +290,39 @@ class MORLTD3Loss(LossModule):
             loss = loss + self.angle.actor * angle
         return self._reduce_loss(loss, tensordict=tensordict, weights=weights), metadata
 
-    def _actors_value(self, acted: TensorDictBase) -> Tensor:
-        """Value vectors ``[B, m]`` that the actor climbs."""
-        return self._values(acted, self.qvalue_network_params.detach()[: self.actor_qvalue_nets]).mean(0)
+    def _actors_values(self, acted: TensorDictBase) -> Tensor:
+        """Value vectors ``[k, B, m]`` of the critics whose mean the actor climbs."""
+        return self._values(acted, self.qvalue_network_params.detach()[: self.actor_qvalue_nets])
 
-    def _guide(self, guidance: Guidance, tensordict: TensorDictBase, acted: TensorDictBase, value: Tensor) -> Tensor:
-        key, guide = self.tensor_keys.action, guidance.guide
-        with torch.no_grad():
-            batch = (guidance.proposals, *tensordict.batch_size)
-            proposals = guide(tensordict.select(*guide.in_keys).expand(batch)).get(guide.out_keys[0])
-            gain = self._actors_value(acted.expand(batch).set(key, proposals)) - value
-            if guidance.entry is not None:  # what was demonstrated needs no judgement
-                static = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1]
-                gain[..., static + guidance.entry] = 0
-            gain, best = self._scalarise(tensordict, gain).max(0)
-            proposal = proposals.take_along_dim(best[None, ..., None], 0).squeeze(0)
-        apart = (acted.get(key) - proposal) / self._half_range
-        return guidance(apart, gain, tensordict.get(self.tensor_keys.preference))
+    def _guide(self, tensordict: TensorDictBase, acted: TensorDictBase, values: Tensor) -> Tensor:
+        """Penalty ``[B]`` of all guidances, given the values ``[k, B, m]`` of the actor's actions."""
+        action, preference = acted.get(self.tensor_keys.action), tensordict.get(self.tensor_keys.preference)
+        proposed = [self._propose(guidance, tensordict, acted, values) for guidance in self.guidance]
+        searched = [gain for guidance, (_, gain) in zip(self.guidance, proposed, strict=True) if guidance.entry is None]
+        known = torch.stack([torch.zeros_like(preference[..., 0]), *searched]).amax(0)
+        return sum(
+            guidance(
+                (action - proposal) / self._half_range, gain if guidance.entry is None else gain - known, preference
+            )
+            for guidance, (proposal, gain) in zip(self.guidance, proposed, strict=True)
+        )
+
+    @torch.no_grad()
+    def _propose(
+        self, guidance: Guidance, tensordict: TensorDictBase, acted: TensorDictBase, values: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """The best of a guide's proposals ``[B, A]``, and the scalarised gain ``[B]`` that the critics see in it."""
+        guide, batch = guidance.guide, (guidance.proposals, *tensordict.batch_size)
+        proposals = guide(tensordict.select(*guide.in_keys).expand(batch)).get(guide.out_keys[0])
+        gain = self._actors_values(acted.expand(batch).set(self.tensor_keys.action, proposals)) - values.unsqueeze(1)
+        if guidance.entry is None:
+            gain = self._scalarise(tensordict, gain.mean(0))
+        else:  # what was demonstrated needs no judgement, but both critics have to agree about the rest
+            static = gain.shape[-1] - tensordict.get(self.tensor_keys.preference).shape[-1]
+            gain[..., static + guidance.entry] = 0
+            gain = self._scalarise(tensordict, gain).amin(0)
+        gain, best = gain.max(0)
+        return proposals.take_along_dim(best[None, ..., None], 0).squeeze(0), gain
 
     def value_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss of the critics and its metadata; ``td_error`` is ``[num_qvalue_nets, B]``, summed over objectives."""

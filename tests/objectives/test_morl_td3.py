@@ -747,6 +747,36 @@ def test_of_several_proposals_the_best_one_pulls():
     assert len(best.unique()) > 1
 
 
+def test_a_clone_is_silent_where_one_critic_objects_or_a_search_knows_better():
+    batch = make_batch()
+    clone, ahead = (
+        TensorDictModule(
+            lambda observation, sign=sign: sign * observation[..., :1].clamp(-2, 2), ["observation"], ["action"]
+        )
+        for sign in (1, -1)
+    )
+    searching = Guidance(ahead, entry=None, coefficient=0.0, margin=0.0)
+    loss = make_loss(actor_qvalue_nets=2, guidance=[Guidance(clone, entry=1, sharpness=0.0, margin=0.05), searching])
+    _, metadata = loss.actor_loss(batch)
+
+    with loss.actor_network_params.to_module(loss.actor_network):
+        action = loss.actor_network(batch.clone())["action"]
+    weights, proposal = LinearScalarisation()(batch["preference"], 3), batch["observation"][:, :1].clamp(-2, 2)
+    others, known = [], []
+    for params in loss.qvalue_network_params.detach():
+        values = []
+        for candidate in (action, proposal, -proposal):
+            with params.to_module(loss.qvalue_network):
+                values.append(loss.qvalue_network(batch.clone().set("action", candidate))["state_action_value"])
+        others.append((weights * (values[1] - values[0]))[:, :2].sum(-1))  # the third is guided
+        known.append((weights * (values[2] - values[0])).sum(-1))
+    known = (sum(known) / 2).clamp(min=0)
+    agreed = torch.stack(others).amin(0) >= -0.05
+    expected = 0.3 * (torch.stack(others).amin(0) - known >= -0.05) * ((action - proposal) / 2).square().sum(-1)
+    torch.testing.assert_close(metadata["guidance"], expected)
+    assert 0 < (expected > 0).sum() < agreed.sum() < (torch.stack(others).mean(0) >= -0.05).sum()
+
+
 def test_a_guide_without_proposals_is_refused():
     with pytest.raises(ValueError, match="at least one action, got 0 proposals"):
         Guidance(TensorDictModule(nn.Identity(), ["observation"], ["action"]), proposals=0)

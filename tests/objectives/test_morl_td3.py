@@ -669,6 +669,17 @@ def test_wrong_scales_and_tie_breaks_are_named():
         LinearScalarisation(tie_break=[0.1, 0.1])(torch.rand(4, 3), 4)
 
 
+def value_of(loss, batch, action, critic=0):
+    """Value vectors of one critic."""
+    with loss.qvalue_network_params.detach()[critic].to_module(loss.qvalue_network):
+        return loss.qvalue_network(batch.clone().set("action", action))["state_action_value"]
+
+
+def action_of(loss, batch):
+    with loss.actor_network_params.to_module(loss.actor_network):
+        return loss.actor_network(batch.clone())["action"]
+
+
 def guided(**options):
     guide = TensorDictModule(lambda observation: observation[..., :1].clamp(-2, 2), ["observation"], ["action"])
     return make_loss(
@@ -680,18 +691,10 @@ def test_guidance_pulls_toward_the_guide_where_the_other_objectives_agree():
     loss, batch = guided(), make_batch()
     plain, _ = make_loss().actor_loss(batch)
     total, metadata = loss.actor_loss(batch)
-    with loss.actor_network_params.to_module(loss.actor_network):
-        action = loss.actor_network(batch.clone())["action"]
-    proposal = batch["observation"][:, :1].clamp(-2, 2)
-    first = loss.qvalue_network_params.detach()[0]
-    scalar = []
-    for candidate in (action, proposal):
-        with first.to_module(loss.qvalue_network):
-            value = loss.qvalue_network(batch.clone().set("action", candidate))["state_action_value"]
-        scalar.append((LinearScalarisation()(batch["preference"], 3) * value)[:, :2].sum(-1))  # the third is guided
-    expected = (
-        0.5 * batch["preference"][:, 1] ** 2 * (scalar[1] >= scalar[0]) * ((action - proposal) / 2).square().sum(-1)
-    )
+    action, proposal = action_of(loss, batch), batch["observation"][:, :1].clamp(-2, 2)
+    gain = value_of(loss, batch, proposal) - value_of(loss, batch, action)
+    agreed = (LinearScalarisation()(batch["preference"], 3) * gain)[:, :2].sum(-1) >= 0  # the third is guided
+    expected = 0.5 * batch["preference"][:, 1] ** 2 * agreed * ((action - proposal) / 2).square().sum(-1)
     torch.testing.assert_close(metadata["guidance"], expected)
     assert 0 < (expected > 0).sum() < len(batch)
     torch.testing.assert_close(total, plain + expected.mean())
@@ -710,16 +713,10 @@ def test_a_search_pulls_at_every_preference_only_toward_what_is_clearly_better()
     search = Guidance(guide, entry=None, coefficient=0.5, margin=-0.05)
     loss = make_loss(guidance=search)
     _, metadata = loss.actor_loss(batch)
-    with loss.actor_network_params.to_module(loss.actor_network):
-        action = loss.actor_network(batch.clone())["action"]
-    proposal = batch["observation"][:, :1].clamp(-2, 2)
-    first = loss.qvalue_network_params.detach()[0]
-    scalar = []
-    for candidate in (action, proposal):
-        with first.to_module(loss.qvalue_network):
-            value = loss.qvalue_network(batch.clone().set("action", candidate))["state_action_value"]
-        scalar.append((LinearScalarisation()(batch["preference"], 3) * value).sum(-1))
-    expected = 0.5 * (scalar[1] - scalar[0] >= 0.05) * ((action - proposal) / 2).square().sum(-1)
+    action, proposal = action_of(loss, batch), batch["observation"][:, :1].clamp(-2, 2)
+    gain = value_of(loss, batch, proposal) - value_of(loss, batch, action)
+    better = (LinearScalarisation()(batch["preference"], 3) * gain).sum(-1) >= 0.05
+    expected = 0.5 * better * ((action - proposal) / 2).square().sum(-1)
     torch.testing.assert_close(metadata["guidance"], expected)
     assert 0 < (expected > 0).sum() < len(batch)
 
@@ -733,12 +730,9 @@ def test_of_several_proposals_the_best_one_pulls():
     _, metadata = loss.actor_loss(batch)
 
     def scalar(action):
-        with loss.qvalue_network_params.detach()[0].to_module(loss.qvalue_network):
-            value = loss.qvalue_network(batch.clone().set("action", action))["state_action_value"]
-        return (LinearScalarisation()(batch["preference"], 3) * value).sum(-1)
+        return (LinearScalarisation()(batch["preference"], 3) * value_of(loss, batch, action)).sum(-1)
 
-    with loss.actor_network_params.to_module(loss.actor_network):
-        action = loss.actor_network(batch.clone())["action"]
+    action = action_of(loss, batch)
     values = torch.stack([scalar(level.expand(len(batch), 1)) for level in levels])
     best = levels[values.argmax(0)].unsqueeze(-1)
     expected = 0.5 * (values.max(0).values >= scalar(action)) * ((action - best) / 2).square().sum(-1)
@@ -759,17 +753,12 @@ def test_a_clone_is_silent_where_one_critic_objects_or_a_search_knows_better():
     loss = make_loss(actor_qvalue_nets=2, guidance=[Guidance(clone, entry=1, sharpness=0.0, margin=0.05), searching])
     _, metadata = loss.actor_loss(batch)
 
-    with loss.actor_network_params.to_module(loss.actor_network):
-        action = loss.actor_network(batch.clone())["action"]
-    weights, proposal = LinearScalarisation()(batch["preference"], 3), batch["observation"][:, :1].clamp(-2, 2)
-    others, known = [], []
-    for params in loss.qvalue_network_params.detach():
-        values = []
-        for candidate in (action, proposal, -proposal):
-            with params.to_module(loss.qvalue_network):
-                values.append(loss.qvalue_network(batch.clone().set("action", candidate))["state_action_value"])
-        others.append((weights * (values[1] - values[0]))[:, :2].sum(-1))  # the third is guided
-        known.append((weights * (values[2] - values[0])).sum(-1))
+    action, proposal = action_of(loss, batch), batch["observation"][:, :1].clamp(-2, 2)
+    weights, others, known = LinearScalarisation()(batch["preference"], 3), [], []
+    for critic in range(2):
+        own, clones, searched = (value_of(loss, batch, act, critic) for act in (action, proposal, -proposal))
+        others.append((weights * (clones - own))[:, :2].sum(-1))  # the third is guided
+        known.append((weights * (searched - own)).sum(-1))
     known = (sum(known) / 2).clamp(min=0)
     agreed = torch.stack(others).amin(0) >= -0.05
     expected = 0.3 * (torch.stack(others).amin(0) - known >= -0.05) * ((action - proposal) / 2).square().sum(-1)

@@ -96,12 +96,13 @@ def number(value: float) -> str:
 
 
 def plot(table: pd.DataFrame) -> Figure:
-    """A panel per group and unit: lines over the size where there are several, else bars; both with quartiles."""
-    parts = list(table[table["rounds"] > 0].groupby(["group", "unit"], sort=False))
+    """A panel per group, unit and growing thing: lines over the size, or bars where there is one; with quartiles."""
+    measured = table[table["rounds"] > 0]
+    parts = list(measured.groupby(["group", "unit", measured["case"].map(_growing)], sort=False))
     rows = max(1, math.ceil(len(parts) / 2))
     figure = Figure(figsize=(13, 3.6 * rows), layout="constrained")
     panels = figure.subplots(rows, 2, squeeze=False).flatten()
-    for axes, ((group, unit), part) in zip(panels, parts, strict=False):
+    for axes, ((group, unit, _), part) in zip(panels, parts, strict=False):
         draw = _lines if part["size"].nunique() > 1 else _bars
         draw(axes, part)
         axes.set_title(f"{group}: {unit}", loc="left", fontsize=10)
@@ -117,10 +118,15 @@ def _lines(axes: Axes, part: pd.DataFrame) -> None:
     for name, line in part.groupby("name", sort=False):
         axes.errorbar(line["size"], line["median"], _spread(line), marker="o", ms=4, lw=1.4, label=name)
     sizes = sorted(part["size"].unique())
-    axes.set(xscale="log", yscale="log", xlabel=part["case"].iloc[0].strip("0123456789 "))
+    axes.set(xscale="log", yscale="log", xlabel=_growing(part["case"].iloc[0]))
     axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
     axes.minorticks_off()
     axes.legend(fontsize=7, frameon=False)
+
+
+def _growing(case: str) -> str:
+    """What the number of a case counts: ``boxes`` of ``10 boxes``."""
+    return case.strip("0123456789 ")
 
 
 def _bars(axes: Axes, part: pd.DataFrame) -> None:

@@ -35,13 +35,18 @@ def main() -> None:
         "--offset", type=float, help="b_d, added to the reward (default: the run's, else -1; printed: 1)"
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of noise and bootstrap")
-    parser.add_argument("--output", type=Path, help="where results go (default: audit beside the model)")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        help="where results go (default: audit beside the model, which then holds the verdict, too)",
+    )
     parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
     given = {name: getattr(args, name) for name in ("plans", "bare", "scale", "offset", "seed")}
     settings = {name: value for name, value in given.items() if value is not None}
+    settings["record"] = args.output is None  # what is written elsewhere leaves the run as it is
     with one_sentence_errors():
         cfg, place = None, args.path
         if (args.path / CONFIG_FILE).is_file():

@@ -155,9 +155,12 @@ def test_the_audit_of_any_of_them_can_be_repeated(many, tmp_path, monkeypatch, c
     _, directory = many
     command = ["morlnav-audit", str(directory / "run"), "--scenes", "2", "--plans", "0", "--threads", "1"]
     monkeypatch.setattr(sys, "argv", [*command, "--objective", "wide_left", "--output", str(tmp_path / "audit")])
+    reward = directory / "run" / "styles" / "wide_left" / "reward.pt"
+    before = read_facts(reward)
     with pytest.raises(SystemExit):
         audit_command.main()
     assert (tmp_path / "audit" / "audit.md").is_file()
+    assert read_facts(reward) == before  # a trial written elsewhere does not change the run
     assert f"are in {tmp_path / 'audit'}" in capsys.readouterr().out
     monkeypatch.setattr(sys, "argv", [*command, "--objective", "distance"])
     with pytest.raises(SystemExit, match=r"no reward of distance; it learned \['demo', 'wide_left', 'recorded'\]"):

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 
+import torch
 from omegaconf import DictConfig, open_dict
 from torch import nn
 
@@ -14,15 +17,17 @@ from morlnav.benchmarks.recipes import ANALYTICAL, recipe
 from morlnav.benchmarks.simulation import drive, engines
 from morlnav.benchmarks.stacked_td3 import StackedTD3
 from morlnav.benchmarks.timing import Contender, Effort, Row, race
+from morlnav.cli import keep_freed_memory
 from morlnav.trainers.builders import make_base_env, make_networks
 from morlnav.world import SceneSampler
 
 TITLE = "Cost as the work grows"
 NOTES = """Updates as in the learner's *plain* row with more objectives; steps of 64 environments with more boxes;
-hand-written updates (*minimal* in the learner's group) of several seeds, one after the other and with parameters
-stacked under `vmap`."""
+hand-written updates (*minimal* in the learner's group) of several seeds, one after the other, with parameters
+stacked under `vmap`, and in processes of one thread each, as many as threads, as a parallel sweep runs them."""
 
 OBJECTIVES, OBSTACLES, ENVIRONMENTS, SEEDS = (2, 4, 8, 16), (3, 10, 30, 100), 64, (1, 2, 4, 8, 16)
+TURNS = 10  # of a process per call
 
 
 def measure(effort: Effort) -> list[Row]:
@@ -48,6 +53,8 @@ def measure(effort: Effort) -> list[Row]:
             Contender("one seed after the other", partial(_one_by_one, effort, count), count),
             Contender("stacked under vmap", partial(_stacked, effort, count), count),
         ]
+        if 1 < torch.get_num_threads() <= count and effort.device == "cpu":
+            contenders.append(Contender("in processes", partial(_in_processes, effort, count), count * TURNS))
         rows += race("growth", f"{count} seeds", "updates/s", contenders, effort, size=count)
     return rows
 
@@ -70,6 +77,25 @@ def _stacked(effort: Effort, count: int) -> Callable[[], object]:
     networks, shared = _learners(effort, count)
     actors, critics = zip(*networks, strict=True)
     return StackedTD3(list(actors), list(critics), *shared).step
+
+
+def _in_processes(effort: Effort, count: int) -> Callable[[], object]:
+    workers = torch.get_num_threads()
+    shares = [count // workers + (worker < count % workers) for worker in range(workers)]
+    pools = [ProcessPoolExecutor(1, get_context("spawn"), _begin, (effort, share)) for share in shares]
+    return lambda: [turn.result() for turn in [pool.submit(_take_turns) for pool in pools]]
+
+
+def _begin(effort: Effort, count: int) -> None:
+    global _step  # of this process
+    torch.set_num_threads(1)
+    keep_freed_memory()
+    _step = _one_by_one(effort, count)
+
+
+def _take_turns() -> None:
+    for _ in range(TURNS):
+        _step()
 
 
 def _room_for(boxes: int) -> dict[str, object]:

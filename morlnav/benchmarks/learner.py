@@ -24,8 +24,9 @@ TITLE = "Learner: updates with batches of 256, networks of 4×256, 4 objectives,
 NOTES = """Unit: updates, of both critics each time and of the actor every second time (CAPQL: every time, PD-MORL:
 every tenth). morlnav's rows are `Trainer.optim_steps` of the trainer that `morlnav-train` runs, with sampling,
 relabelling, clipping, both Adam steps, targets, the averaged actor and learning-rate schedules: *plain* without angle
-term, guidance, search and afterstate and with exact products, as all peers have them; *plain, as shipped* with the
-products that `trainer.products=auto` chooses; *default* also with all four, as recommended. *Minimal* is plain
+term, guidance, search and afterstate, an actor that climbs one critic, and exact products, as all peers have them;
+*plain, as shipped* with the products that `trainer.products=auto` chooses; *default* also with all the rest, as
+recommended. *Minimal* is plain
 PyTorch on the same networks, twins one after the other, without averaging and schedules. TorchRL's stock TD3 sees one
 scalar reward, no preference, and the bare 34 numbers. CAPQL and GPI-LS are morl-baselines' own code on our Gymnasium
 environment's shapes; GPI-LS doubles every batch to 512 rows. PD-MORL inserts one transition four times per update.
@@ -38,7 +39,13 @@ SHAPES = (
     "trainer.batch_size=256",
     "trainer.policy_update_delay=2",
 )
-PLAIN = ("loss.angle=none", "loss.guidance=null", "loss.search=null", "networks.afterstate=null")
+PLAIN = (
+    "loss.angle=none",
+    "loss.guidance=null",
+    "loss.search=null",
+    "loss.actor_qvalue_nets=1",
+    "networks.afterstate=null",
+)
 EXACT = "trainer.products=float32"
 
 

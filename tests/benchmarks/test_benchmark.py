@@ -9,13 +9,14 @@ from morlnav import benchmark
 
 
 def test_a_quick_benchmark_measures_ours_and_writes_its_files(tmp_path, monkeypatch, capsys):
-    words = ["morlnav-benchmark", "--quick", "--threads", "1", "--output", str(tmp_path)]
+    words = ["morlnav-benchmark", "--quick", "--threads", "2", "--output", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", words)
     benchmark.main()
     table = pd.read_csv(tmp_path / "benchmarks.csv")
     cpu = table[table["case"] != "cuda"]
     assert set(cpu["group"]) == set(benchmark.GROUPS)
     assert (cpu.loc[cpu["rounds"] > 0, "median"] > 0).all()
+    assert {"stacked under vmap", "in processes"} <= set(table["name"])
     unmeasured = table[table["rounds"] == 0]
     assert unmeasured["median"].isna().all()
     assert unmeasured["note"].str.contains("not measured|not available").all()

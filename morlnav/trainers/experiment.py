@@ -61,6 +61,9 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
     actor, critics = make_networks(cfg, env.base_env)
     policy = TensorDictModule(actor, in_keys=["observation", "preference"], out_keys=["action"])
     loss = make_loss(cfg, env.base_env, policy, critics, _make_clones(cfg) if cfg.loss.guidance is not None else None)
+    if settings.compile is not None:
+        for method in ("value_loss", "actor_loss"):
+            setattr(loss, method, torch.compile(getattr(loss, method), **settings.compile))
     noise = _make_exploration(cfg, env)
     stepper, replay = _make_stepper(cfg, loss, actor), _make_replay(cfg, env)
     # Last, for an error after it would leave its workers behind.

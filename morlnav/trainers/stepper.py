@@ -18,6 +18,7 @@ class MORLTD3Stepper(TD3OptimizationStepper):
     """Critics at every step; actor, targets and the averaged actor at every ``policy_update_delay``-th (PD-MORL).
 
     TorchRL's own stepper leaves the targets to a hook that runs after every critic step; here they move with the actor.
+    What it reports is a copy, for a loss compiled with CUDA graphs writes its next results to the same place.
 
     Args:
         optimizer_actor: optimizer of the actor.
@@ -71,7 +72,8 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         """Update on ``sub_batch``; returns losses, gradient norms, angles and mean values per objective."""
         self._update_counter += 1
         loss, critic = trainer.compute_loss(sub_batch, method="value_loss")
-        metrics = {"loss_qvalue": loss.detach(), "grad_norm_qvalue": self._apply(trainer, loss, self.optimizer_critic)}
+        gradient = self._apply(trainer, loss, self.optimizer_critic)
+        metrics = {"loss_qvalue": loss.detach().clone(), "grad_norm_qvalue": gradient}
         self._step_scheduler(1)
         metrics["pred_value"] = critic["pred_value"].flatten(0, -2).mean(0)
         if "angle_qvalue" in critic:
@@ -85,7 +87,8 @@ class MORLTD3Stepper(TD3OptimizationStepper):
 
     def _update_actor(self, trainer: Trainer, sub_batch: TensorDictBase) -> dict[str, torch.Tensor]:
         loss, actor = trainer.compute_loss(sub_batch, method="actor_loss")
-        metrics = {"loss_actor": loss.detach(), "grad_norm_actor": self._apply(trainer, loss, self.optimizer_actor)}
+        gradient = self._apply(trainer, loss, self.optimizer_actor)
+        metrics = {"loss_actor": loss.detach().clone(), "grad_norm_actor": gradient}
         metrics |= {key: actor[key].mean() for key in ("angle_actor", "guidance") if key in actor}
         self._step_scheduler(0)
         self.target_net_updater.step()

@@ -110,6 +110,15 @@ def test_one_seed_is_one_result(tmp_path):
     assert not torch.equal(first.replay_buffer.storage[:]["observation"], other.replay_buffer.storage[:]["observation"])
 
 
+def test_a_compiled_loss_learns_the_same(tmp_path):
+    compiled, eager = (
+        train_briefly(tmp_path / name, f"trainer.compile={value}")[0]
+        for name, value in (("compiled", "{backend:eager}"), ("eager", "null"))
+    )
+    assert hasattr(compiled.loss_module.value_loss, "_torchdynamo_orig_callable")
+    assert_identical(learned(compiled), learned(eager))
+
+
 # Resuming
 
 

@@ -62,8 +62,7 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
     policy = TensorDictModule(actor, in_keys=["observation", "preference"], out_keys=["action"])
     loss = make_loss(cfg, env.base_env, policy, critics, _make_clones(cfg) if cfg.loss.guidance is not None else None)
     if settings.compile is not None:
-        for method in ("value_loss", "actor_loss"):
-            setattr(loss, method, torch.compile(getattr(loss, method), **settings.compile))
+        _compile(loss, settings.compile)
     noise = _make_exploration(cfg, env)
     stepper, replay = _make_stepper(cfg, loss, actor), _make_replay(cfg, env)
     # Last, for an error after it would leave its workers behind.
@@ -88,6 +87,15 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
     )
     _register_hooks(cfg, directory, trainer, env, noise)
     return trainer
+
+
+def _compile(loss: MORLTD3Loss, arguments: DictConfig) -> None:
+    try:
+        for method in ("value_loss", "actor_loss"):
+            setattr(loss, method, torch.compile(getattr(loss, method), **arguments))
+    except (TypeError, RuntimeError) as error:
+        message = f"trainer.compile must be null or arguments of torch.compile, as {{mode: default}}, got {arguments}."
+        raise ValueError(message) from error
 
 
 def _make_clones(cfg: DictConfig) -> dict[str, nn.Module]:

@@ -379,6 +379,8 @@ def test_stored_rewards_are_raw_and_the_learners_are_scaled(tmp_path):
         ("device=nowhere", "device=nowhere cannot be used on this machine"),
         ("env.num_envs=0", "must be at least 1"),
         ("env.scenes.band=-1", "band must not be negative, got -1"),
+        ("trainer.compile=true", "trainer.compile must be null or arguments of torch.compile, .* got True."),
+        ("trainer.compile={mode:wrong}", "trainer.compile must be null or arguments of torch.compile, .* got .*wrong"),
     ],
 )
 def test_a_wrong_value_ends_in_one_sentence(override, sentence, tmp_path):

@@ -26,12 +26,11 @@ every tenth). morlnav's rows are `Trainer.optim_steps` of the trainer that `morl
 relabelling, clipping, both Adam steps, targets, the averaged actor and learning-rate schedules: *plain* without angle
 term, guidance, search and afterstate, an actor that climbs one critic, and exact products, as all peers have them;
 *plain, as shipped* with the products that `trainer.products=auto` chooses; *default* also with all the rest, as
-recommended. *Minimal* is plain
-PyTorch on the same networks, twins one after the other, without averaging and schedules. TorchRL's stock TD3 sees one
-scalar reward, no preference, and the bare 34 numbers. CAPQL and GPI-LS are morl-baselines' own code on our Gymnasium
-environment's shapes; GPI-LS doubles every batch to 512 rows. PD-MORL inserts one transition four times per update.
-The limit is the rate of the fastest float32 matrix product found, divided by the fewest operations that an update
-needs."""
+recommended. *Minimal* is plain PyTorch on the same networks, twins one after the other, without averaging and
+schedules. TorchRL's stock TD3 sees one scalar reward, no preference, and the bare 34 numbers. CAPQL and GPI-LS are
+morl-baselines' own code on our Gymnasium environment's shapes; GPI-LS doubles every batch to 512 rows. PD-MORL
+inserts one transition four times per update. The limit is the rate of the fastest float32 matrix product found,
+divided by the fewest operations that an update needs."""
 
 SHAPES = (
     "networks.actor.depth=4",

@@ -3,29 +3,19 @@
 import pytest
 import torch
 from support import configure
-from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 
 from morlnav.modules import Actor
-from morlnav.trainers.builders import bounds_of, make_base_env, make_loss, make_networks, make_replay
+from morlnav.trainers.builders import bounds_of, make_env, make_loss, make_networks, make_replay
 
 META = torch.device("meta")
-
-
-def transitions(count=8, objectives=3, preferences=2):
-    state = {
-        "observation": torch.zeros(count, 34, device=META),
-        "preference": torch.zeros(count, preferences, device=META),
-    }
-    flags = {key: torch.zeros(count, 1, dtype=torch.bool, device=META) for key in ("done", "terminated")}
-    following = state | flags | {"reward": torch.zeros(count, objectives, device=META)}
-    return TensorDict(state | {"action": torch.zeros(count, 2, device=META), "next": following}, [count], META)
 
 
 @pytest.mark.parametrize("angle", ["safe", "paper"])
 def test_an_update_never_waits_for_the_device(angle):
     cfg = configure(f"loss.angle={angle}", "loss.search.proposals=4", "trainer.products=bfloat16")
-    env = make_base_env(cfg, num_envs=2)
+    driving = make_env(cfg, num_envs=2)
+    transitions, env = driving.rollout(4).reshape(-1).to(META), driving.base_env
     actor, critics = make_networks(cfg, env)
     clone = Actor(0, **bounds_of(env))
     for network in (actor, clone, *critics):
@@ -34,7 +24,7 @@ def test_an_update_never_waits_for_the_device(angle):
     policy = TensorDictModule(actor, ["observation", "preference"], ["action"])
     loss = make_loss(cfg, env, policy, critics, {"distance": clone})
 
-    relabelled = make_replay(cfg, len(env.objectives)).transform(transitions())
+    relabelled = make_replay(cfg, len(env.objectives)).transform(transitions)
     with pytest.raises(RuntimeError, match=r"item\(\) cannot be called"):
         bool(relabelled["next", "done"].any())
     for losses in (loss.value_loss, loss.actor_loss):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -73,7 +74,10 @@ def make_preferences(cfg: DictConfig, num_objectives: int) -> PreferenceSampler:
 
 
 def make_env(cfg: DictConfig, num_envs: int | None = None, seed: int | None = None) -> TransformedEnv:
-    """The training environment: a preference per episode, a time limit, and returns.
+    """The training environment: a preference per episode, a time limit, returns, and a robot that is a little wider.
+
+    What a robot has learned with the radius of its body and ``trainer.inflation`` more keeps clear of what a lidar's
+    sector tells only roughly, as costmaps of planners do; the returned environment's world is the only one inflated.
 
     Examples:
         >>> from hydra import compose, initialize_config_dir
@@ -85,6 +89,8 @@ def make_env(cfg: DictConfig, num_envs: int | None = None, seed: int | None = No
         torch.Size([2, 3, 2])
     """
     env = make_base_env(cfg, num_envs, seed if seed is not None else cfg.seed)
+    robot = env.world.robot
+    env.world.robot = replace(robot, radius=robot.radius + cfg.trainer.inflation)
     sampler = make_preferences(cfg, len(env.objectives))
     return TransformedEnv(env, Compose(StepCounter(cfg.env.max_steps), RewardSum(), DrawPreference(sampler)))
 

@@ -31,6 +31,7 @@ from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.builders import (
     build,
     final_discount,
+    make_base_env,
     make_env,
     make_loss,
     make_networks,
@@ -111,6 +112,8 @@ def _check(cfg: DictConfig) -> None:
             f"trainer.frames_per_batch ({cfg.trainer.frames_per_batch}) must be a multiple of env.num_envs "
             f"({cfg.env.num_envs})."
         )
+    if cfg.trainer.inflation < 0:
+        raise ValueError(f"trainer.inflation must not be negative, got {cfg.trainer.inflation}.")
 
 
 def _in_one_process(cfg: DictConfig) -> bool:
@@ -216,7 +219,8 @@ def _make_stepper(cfg: DictConfig, loss: MORLTD3Loss, actor: nn.Module) -> MORLT
 def _register_hooks(
     cfg: DictConfig, directory: Path, trainer: Trainer, env: TransformedEnv, noise: PartlyGreedyNoise
 ) -> None:
-    base, loss, stepper = env.base_env, trainer.loss_module, trainer.optimization_stepper
+    base = make_base_env(cfg, 1, cfg.seed, env.base_env.rewards)  # with a robot of its true size
+    loss, stepper = trainer.loss_module, trainer.optimization_stepper
     rewards, during = tuple(base.rewards), cfg.evaluation.during
     LogEpisodes(rewards, cfg.logger.interval).register(trainer)
     SelectKeys([*REPLAY_KEYS, *(("next", key) for key in REPLAY_NEXT_KEYS)]).register(trainer)

@@ -21,6 +21,7 @@ import morlnav.train
 from morlnav.cli import conf_dir
 from morlnav.evaluate import evaluate_run
 from morlnav.train import run
+from morlnav.world import Scene
 
 BRIEF = ("trainer.total_frames=32", "trainer.random_frames=16", "evaluation.during.interval=16")
 
@@ -343,6 +344,20 @@ def test_scales_tie_breaks_and_reward_bounds_follow_the_objectives_of_the_config
     torch.testing.assert_close(loss.return_bounds.high[1:], torch.tensor([0.0, -0.1]))  # in the learner's unit
 
 
+@pytest.mark.parametrize("world", ["tensor", "pymunk"])
+def test_a_robot_grazes_a_box_while_it_learns_and_passes_it_when_evaluated(world, tmp_path):
+    trainer = trainer_for(configure(f"world={world}", "trainer.inflation=0.04"), tmp_path)
+    learned, measured = trainer.collector.env.base_env.world, trainer._modules["evaluate_policy"].env.world
+    box = torch.tensor([[[1.0, 0.7, 0.5, 0.5, 0.0]]])  # its side is 0.2 m from the way
+    scene = Scene(torch.zeros(1, 3), torch.tensor([[9.0, 0.0]]), torch.tensor([[5.0, 2.0]]), box, batch_size=[1])
+    touched = []
+    for robots in (learned, measured):
+        robots.reset(scene)
+        contacts = [robots.step(torch.tensor([[0.5, 0.0]])).box for _ in range(20)]
+        touched.append(bool(torch.stack(contacts).any()))
+    assert touched == [True, False]
+
+
 def test_a_discount_that_is_missing_is_named(tmp_path):
     cfg = configure(*(f"~loss.gamma.{name}" for name in ("default", "baseline", "efficiency")))
     with pytest.raises(ValueError, match=r"loss\.gamma names no value for baseline, efficiency, and no default"):
@@ -378,6 +393,7 @@ def test_stored_rewards_are_raw_and_the_learners_are_scaled(tmp_path):
         ("preferences=fixed", "Missing mandatory value: preferences.value"),
         ("device=nowhere", "device=nowhere cannot be used on this machine"),
         ("env.num_envs=0", "must be at least 1"),
+        ("trainer.inflation=-0.01", "trainer.inflation must not be negative, got -0.01"),
         ("env.scenes.band=-1", "band must not be negative, got -1"),
         ("trainer.compile=true", "trainer.compile must be null or arguments of torch.compile, .* got True."),
         ("trainer.compile={mode:wrong}", "trainer.compile must be null or arguments of torch.compile, .* got .*wrong"),

@@ -16,6 +16,7 @@ from morlnav.trainers.styles import demonstrated_objectives, style_config, style
 
 POLICY_FILE = "policy.pt"
 CONFIG_FILE = "config.yaml"
+HARMLESS = ("morlnav.world.", "morlnav.envs.", "morlnav.modules.")
 BUILT_ON_LOADING = ("world", "env", "objectives", "networks", "demonstrations.policy", "clone.actor")
 
 
@@ -112,6 +113,8 @@ def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Pol
     path = Path(directory) / POLICY_FILE
     if not path.is_file():
         raise FileNotFoundError(f"{directory} holds no {POLICY_FILE}: the run has not finished; continue it first.")
+    for name in demonstrated_objectives(cfg):
+        cfg.objectives[name].reward = None  # driving needs no reward
     env = make_base_env(cfg, num_envs=1)
     actor, _ = make_networks(cfg, env)
     return Policy(load_weights(actor, path, device), env.objectives).requires_grad_(False).eval()
@@ -149,7 +152,7 @@ def _check(key: str, value: object) -> None:
 
 
 def _is_ours(path: str) -> bool:
-    """Whether ``path`` names a class that is defined in this package.
+    """Whether ``path`` names a class of the packages that policies are made of, which do nothing when they are built.
 
     The path alone does not tell: ``morlnav.policy.Path`` begins well and ends elsewhere.
     """
@@ -161,4 +164,4 @@ def _is_ours(path: str) -> bool:
         return False
     if target is load_reward:  # reads weights and numbers, and builds three known classes
         return True
-    return isinstance(target, type) and target.__module__.startswith("morlnav.")
+    return isinstance(target, type) and target.__module__.startswith(HARMLESS)

@@ -1,6 +1,7 @@
 """A trained policy loads as a plain module, from weights alone, and from nobody's classes but our own."""
 
 import shutil
+from pathlib import Path
 
 import pytest
 import torch
@@ -35,6 +36,14 @@ def test_a_policy_is_a_plain_module_in_evaluation_mode(smoke_run):
     assert not policy.training
     assert not any(parameter.requires_grad for parameter in policy.parameters())
     assert policy.objectives == ("distance", "efficiency")
+
+
+def test_config_and_weights_are_all_that_driving_needs(tmp_path):
+    for name in ("config.yaml", "policy.pt"):
+        shutil.copy(Path(__file__).parents[1] / "results/default" / name, tmp_path)
+    policy = morlnav.load(tmp_path)
+    assert policy.objectives == ("demo", "distance", "efficiency")
+    assert policy(observations(2), torch.eye(3)[:2]).shape == (2, 2)
 
 
 @pytest.mark.parametrize("batch", [(), (1,), (7,), (3, 5)], ids=str)
@@ -89,7 +98,15 @@ def test_foreign_classes_are_refused_without_trust(copied_run, key):
 
 
 @pytest.mark.parametrize(
-    "target", ["morlnav.train.subprocess.run", "morlnav.policy.Path", "torch.optim.adam.torch.load", "morlnav.load"]
+    "target",
+    [
+        "morlnav.train.subprocess.run",
+        "morlnav.policy.Path",
+        "torch.optim.adam.torch.load",
+        "morlnav.load",
+        "morlnav.trainers.ray.RayCollector",
+        "morlnav.record.loggers.TensorboardCSVLogger",
+    ],
 )
 def test_a_path_through_our_own_modules_to_foreign_code_is_refused(copied_run, target):
     change_config(copied_run, "networks.features._target_", target)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from morlnav.cli import one_sentence_errors, quiet
+from morlnav.cli import one_sentence_errors, quiet, set_threads
 from morlnav.policy import CONFIG_FILE, check_targets, load_config
 from morlnav.trainers.auditing import audit_run, find_reward
 from morlnav.trainers.styles import demonstrated_objectives, style_config, style_directory
@@ -43,11 +43,11 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     args = parser.parse_args()
-    torch.set_num_threads(args.threads)
     given = {name: getattr(args, name) for name in ("plans", "bare", "scale", "offset", "seed")}
     settings = {name: value for name, value in given.items() if value is not None}
     settings["record"] = args.output is None  # what is written elsewhere leaves the run as it is
     with one_sentence_errors():
+        set_threads(args.threads)
         cfg, place = None, args.path
         if (args.path / CONFIG_FILE).is_file():
             run = load_config(args.path)

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import torch
 from hydra import compose, initialize_config_dir
 from hydra.errors import ConfigCompositionException, HydraException, InstantiationException, MissingConfigException
 from omegaconf import OmegaConf
@@ -49,6 +50,17 @@ def keep_freed_memory() -> None:
         libc.mallopt(mmap_threshold, 2**25)
 
 
+def set_threads(number: int) -> None:
+    """Let PyTorch compute with so many threads.
+
+    Raises:
+        ValueError: for less than one.
+    """
+    if number < 1:
+        raise ValueError(f"PyTorch needs at least one thread, got threads={number}.")
+    torch.set_num_threads(number)
+
+
 @contextmanager
 def one_sentence_errors() -> Iterator[None]:
     """Turn a user's mistake into one sentence on standard error and exit status 1.
@@ -71,8 +83,7 @@ def one_sentence_errors() -> Iterator[None]:
         sys.exit(_unknown_key(key[1]) if key else _first_line(error))
     except (
         ValueError,
-        FileNotFoundError,
-        ChildProcessError,
+        OSError,
         CheckpointError,
         OmegaConfBaseException,
         HydraException,

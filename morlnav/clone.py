@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from torch import Tensor
 
-from morlnav.cli import conf_dir, one_sentence_errors, quiet
+from morlnav.cli import conf_dir, one_sentence_errors, quiet, set_threads
 from morlnav.envs import GoalProgress
 from morlnav.evaluation import Behaviour, Outcome, Rollouts, evaluation_scenes
 from morlnav.evaluation.noise import noisy_rollouts
@@ -147,7 +147,7 @@ def main() -> None:
     with one_sentence_errors():
         with initialize_config_dir(conf_dir(), version_base="1.3"):
             cfg = compose("train", args.overrides)
-        torch.set_num_threads(cfg.threads)
+        set_threads(cfg.threads)
         if args.study == "noise":
             table = study_noise(cfg, args.episodes, hold=args.hold)
         else:

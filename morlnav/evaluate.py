@@ -10,7 +10,7 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from morlnav.cli import one_sentence_errors, quiet
+from morlnav.cli import one_sentence_errors, quiet, set_threads
 from morlnav.context import ContextPolicy, load_contexts
 from morlnav.data import preference_edges
 from morlnav.envs import NavigationEnv
@@ -148,9 +148,9 @@ def main() -> None:
     args = parser.parse_args()
     if (args.contexts is None) != (args.route is None):
         parser.error("--contexts and --route go together")
-    torch.set_num_threads(args.threads)
     changes = {name: getattr(args, name) for name in ("episodes", "steps", "seed") if getattr(args, name) is not None}
     with one_sentence_errors():
+        set_threads(args.threads)
         if args.contexts is not None:
             print(evaluate_route(args.run, args.contexts, dict(args.route), args.output, args.trust, **changes))
         else:

@@ -19,11 +19,12 @@ from omegaconf import DictConfig, OmegaConf
 
 from morlnav import policy as policies
 from morlnav.analysis import load_fronts
-from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet, stage
+from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet, set_threads, stage
 from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
 from morlnav.trainers.drex import learn_demonstration_rewards
+from morlnav.trainers.resume import load_checkpoint
 from morlnav.trainers.workers import watched
 
 
@@ -32,7 +33,7 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     _check_device(cfg.device)
     checkpoint = None if cfg.resume is None else _checkpoint_of(Path(cfg.resume))
     keep_freed_memory()
-    torch.set_num_threads(cfg.threads)
+    set_threads(cfg.threads)
     torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
     directory.mkdir(parents=True, exist_ok=True)
     _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
@@ -42,7 +43,7 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     torch.manual_seed(cfg.seed)
     trainer = make_trainer(cfg, directory, logger)
     if checkpoint is not None:
-        trainer.load_from_file(checkpoint)
+        load_checkpoint(trainer, checkpoint)
         print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
         if cfg.trainer.progress_bar:
             trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))

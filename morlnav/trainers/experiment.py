@@ -105,8 +105,19 @@ def _make_clones(cfg: DictConfig) -> dict[str, nn.Module]:
 
 
 def _check(cfg: DictConfig) -> None:
-    if cfg.env.num_envs < 1:
-        raise ValueError(f"env.num_envs must be at least 1, got {cfg.env.num_envs}.")
+    settings = cfg.trainer
+    counts = {"env.num_envs": cfg.env.num_envs} | {
+        f"trainer.{name}": settings[name]
+        for name in ("frames_per_batch", "optim_steps_per_batch", "policy_update_delay", "batch_size")
+    }
+    for name, count in counts.items():
+        if not isinstance(count, int) or count < 1:
+            raise ValueError(f"{name} must be a whole number of at least 1, got {count}.")
+    if settings.exploration.sigma_init < settings.exploration.sigma_end:
+        raise ValueError(
+            f"trainer.exploration must not grow, but sigma_init is {settings.exploration.sigma_init} and sigma_end "
+            f"{settings.exploration.sigma_end}."
+        )
     if cfg.trainer.frames_per_batch % cfg.env.num_envs:
         raise ValueError(
             f"trainer.frames_per_batch ({cfg.trainer.frames_per_batch}) must be a multiple of env.num_envs "

@@ -8,29 +8,31 @@ from typing import Any
 from tensordict import TensorDict
 from torchrl.collectors import Collector
 from torchrl.data import TensorDictReplayBuffer
+from torchrl.trainers.trainers import Trainer
 
 
 class PickleFreeReplayBuffer(TensorDictReplayBuffer):
-    """A replay buffer that neither saves nor loads pickles: no prefetched batches, and tensors only in its storage.
+    """A replay buffer that saves no pickles: no prefetched batches, and tensors only in its storage.
 
     Arguments as for :class:`torchrl.data.TensorDictReplayBuffer`.
     """
-
-    def loads(self, path: str | Path) -> None:
-        """Load what ``dumps`` wrote.
-
-        Raises:
-            ValueError: if the storage holds a pickle, which tensordict would run.
-        """
-        if pickled := next(Path(path).rglob("*.pickle"), None):
-            raise ValueError(f"{pickled} is a pickle, which no checkpoint of morlnav holds; it was not loaded.")
-        super().loads(path)
 
     def _dump_prefetch_state(self, path: Path, prefetch_state: dict[str, Any]) -> None:
         pass
 
     def _load_prefetch_state(self, path: Path) -> None:
         pass
+
+
+def load_checkpoint(trainer: Trainer, path: str | Path) -> None:
+    """Put a trainer where a checkpoint left off.
+
+    Raises:
+        ValueError: if the checkpoint holds a pickle, which TorchRL or tensordict might run.
+    """
+    if pickled := next((file for file in Path(path).rglob("*") if file.suffix in (".pickle", ".pkl")), None):
+        raise ValueError(f"{pickled} is a pickle, which no checkpoint of morlnav holds; nothing was loaded.")
+    trainer.load_from_file(path)
 
 
 class RolloutState:

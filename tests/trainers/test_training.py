@@ -15,12 +15,13 @@ import pandas as pd
 import pytest
 import torch
 from support import ANALYTICAL, SMALL, configure, trainer_for
-from torchrl.checkpoint import CheckpointError, CheckpointRotation
+from torchrl.checkpoint import CheckpointRotation
 
 import morlnav.train
 from morlnav.cli import conf_dir
 from morlnav.evaluate import evaluate_run
 from morlnav.train import run
+from morlnav.trainers.resume import load_checkpoint
 from morlnav.world import Scene
 
 BRIEF = ("trainer.total_frames=32", "trainer.random_frames=16", "evaluation.during.interval=16")
@@ -160,7 +161,7 @@ def test_a_resumed_training_equals_an_unbroken_one_bit_for_bit(batches, override
 
     resumed = trainer_for(cfg, tmp_path / "resumed")
     torch.manual_seed(99)
-    resumed.load_from_file(latest(tmp_path / "stopped"))
+    load_checkpoint(resumed, latest(tmp_path / "stopped"))
     assert resumed.collected_frames == stopped.collected_frames
     reported, remembered = (t.optimization_stepper.state_dict()["actor_metrics"] for t in (stopped, resumed))
     assert reported == remembered
@@ -223,19 +224,18 @@ def test_loading_a_checkpoint_runs_no_code(tmp_path):
     train_briefly(tmp_path)
     assert not list((tmp_path / "checkpoints").rglob("*.pkl"))
     replay = next((tmp_path / "checkpoints").rglob("*replay_buffer"))
-    (replay / "prefetch.pkl").write_bytes(pickle.dumps(Bomb()))
-    trainer_for(configure(*BRIEF), tmp_path / "again").load_from_file(latest(tmp_path))
-    assert not (tmp_path / "ran").exists()
-
-    (replay / "storage" / "other.pickle").write_bytes(pickle.dumps(Bomb()))
-    with pytest.raises(CheckpointError, match="is a pickle"):
-        trainer_for(configure(*BRIEF), tmp_path / "not either").load_from_file(latest(tmp_path))
-    assert not (tmp_path / "ran").exists()
-    (replay / "storage" / "other.pickle").unlink()
+    average = next((tmp_path / "checkpoints").rglob("*average"))
+    trainer = trainer_for(configure(*BRIEF), tmp_path / "again")
+    for bomb in (replay / "prefetch.pkl", replay / "storage" / "pickle.pkl", average / "state" / "other.pickle"):
+        bomb.write_bytes(pickle.dumps(Bomb()))
+        with pytest.raises(ValueError, match=f"{bomb.name} is a pickle"):
+            load_checkpoint(trainer, latest(tmp_path))
+        assert not (tmp_path / "ran").exists()
+        bomb.unlink()
 
     torch.save({"bomb": Bomb()}, replay / "transform.t")
     with pytest.raises(Exception, match=r"(?i)weights.only"):
-        trainer_for(configure(*BRIEF), tmp_path / "once more").load_from_file(latest(tmp_path))
+        load_checkpoint(trainer, latest(tmp_path))
     assert not (tmp_path / "ran").exists()
 
 
@@ -392,7 +392,12 @@ def test_stored_rewards_are_raw_and_the_learners_are_scaled(tmp_path):
         ("objectives=[distance,baseline]", "Static objectives must come before tuneable ones"),
         ("preferences=fixed", "Missing mandatory value: preferences.value"),
         ("device=nowhere", "device=nowhere cannot be used on this machine"),
-        ("env.num_envs=0", "must be at least 1"),
+        ("env.num_envs=0", "env.num_envs must be a whole number of at least 1, got 0"),
+        ("env.num_envs=many", "env.num_envs must be a whole number of at least 1, got many"),
+        ("trainer.policy_update_delay=0", "trainer.policy_update_delay must be a whole number of at least 1, got 0"),
+        ("trainer.optim_steps_per_batch=0", "trainer.optim_steps_per_batch must be a whole number of at least 1"),
+        ("trainer.exploration.sigma_init=0.05", r"must not grow, but sigma_init is 0\.05 and sigma_end 0\.1"),
+        ("threads=0", "needs at least one thread, got threads=0"),
         ("trainer.inflation=-0.01", "trainer.inflation must not be negative, got -0.01"),
         ("env.scenes.band=-1", "band must not be negative, got -1"),
         ("trainer.compile=true", "trainer.compile must be null or arguments of torch.compile, .* got True."),

@@ -180,6 +180,9 @@ def add_demonstrations(data: TensorDict, path: Path, source: str) -> int:
     """
     _, number = data["episode"].unique(return_inverse=True)
     data = data.clone().set("episode", number)
+    unfinished, replaced = (path.with_name(path.name + end) for end in (".part", ".old"))
+    if replaced.exists() and not path.exists():  # interrupted between the last two steps below
+        replaced.rename(path)
     if path.exists() and any(path.iterdir()):
         old = load_demonstrations(path)
         data["episode"] += int(old["episode"].max()) + 1
@@ -189,7 +192,6 @@ def add_demonstrations(data: TensorDict, path: Path, source: str) -> int:
             raise ValueError(
                 f"The demonstrations in {path} are of other shapes; record into another folder."
             ) from error
-    unfinished, replaced = (path.with_name(path.name + end) for end in (".part", ".old"))
     for leftover in (unfinished, replaced):
         shutil.rmtree(leftover, ignore_errors=True)
     save_demonstrations(data, unfinished, {"source": source})

@@ -178,6 +178,9 @@ def test_recordings_grow_from_drive_to_drive(tmp_path):
     with pytest.raises(ValueError, match="of other shapes; record into another folder"):
         add_demonstrations(other, tmp_path / "mine", "third")
     assert load_demonstrations(tmp_path / "mine")["episode"].max() == 2
+    (tmp_path / "mine").rename(tmp_path / "mine.old")  # as a kill in between would leave it
+    assert add_demonstrations(data[data["episode"] == 1], tmp_path / "mine", "fourth") == 4
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
 def test_a_file_is_imported_by_one_command(tmp_path, monkeypatch, capsys):

@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase, TensorDictParams, unravel_key
-from tensordict.nn import TensorDictModule, dispatch
+from tensordict.nn import TensorDictModule, TensorDictModuleBase, dispatch
 from tensordict.utils import NestedKey
 from torch import Tensor, nn
 from torchrl.data import TensorSpec
@@ -40,8 +40,8 @@ class MORLTD3Loss(LossModule):
         actor_network: writes ``action`` from ``observation`` and ``preference``.
         qvalue_network: writes ``state_action_value`` ``[..., m]``. One module is copied ``num_qvalue_nets`` times with
             weights drawn uniformly from its range, which suits uniformly initialised weights alone; a list or
-            ``ModuleList`` of modules keeps their own. Where the wrapped module has a true ``stackable``, it is called
-            once with all parameters stacked, instead of ``vmap``.
+            ``ModuleList`` of modules keeps their own, as does a critic that is the only one. Where the wrapped module
+            has a true ``stackable``, it is called once with all parameters stacked, instead of ``vmap``.
         action_spec: bounded spec of the action; or give ``bounds``.
         bounds: ``(low, high)`` of the action; exactly one of the two.
         num_qvalue_nets: number of critics.
@@ -67,7 +67,9 @@ class MORLTD3Loss(LossModule):
 
     Raises:
         ValueError: for missing or contradictory action bounds, an unknown ``loss_function``, ``pessimism`` outside
-            [0, 1], more critics for the actor than there are, or a least reward above the largest.
+            [0, 1], more critics for the actor than there are, a list of other than ``num_qvalue_nets`` different
+            critics or, with ``separate_losses``, of such as share parameters with the actor, or a least reward above
+            the largest.
 
     Examples:
         >>> from morlnav.modules import Actor, VectorCritic
@@ -176,13 +178,20 @@ class MORLTD3Loss(LossModule):
 
         policy_params = list(actor_network.parameters()) if separate_losses else None
         self.convert_to_functional(actor_network, "actor_network", create_target_params=delay_actor)
+        critics = [qvalue_network] if isinstance(qvalue_network, TensorDictModuleBase) else list(qvalue_network)
+        if len(critics) > 1:
+            _check_critics(critics, num_qvalue_nets, policy_params or [])
+        weights = TensorDict.from_module(critics[0]).data.clone()
         self.convert_to_functional(
-            list(qvalue_network) if isinstance(qvalue_network, nn.ModuleList) else qvalue_network,
+            critics if len(critics) > 1 else critics[0],
             "qvalue_network",
             num_qvalue_nets,
             create_target_params=delay_qvalue,
             compare_against=policy_params,
         )
+        if num_qvalue_nets == 1:  # there is nothing to draw anew
+            for params in (self.qvalue_network_params, self.target_qvalue_network_params):
+                params.data.update_(weights.unsqueeze(0))
         low, high = action_bounds(action_spec, bounds, self.tensor_keys.action)
         device = next(self.parameters()).device
         self.register_buffer("min_action", low.to(device))
@@ -390,3 +399,11 @@ class MORLTD3Loss(LossModule):
         self._value_estimator = TD0Estimator(value_network=None, **hyperparams)
         self._forward_value_estimator_keys()
         return self
+
+
+def _check_critics(critics: Sequence[nn.Module], number: int, actors: Sequence[nn.Parameter]) -> None:
+    if len({id(critic) for critic in critics}) < number or len(critics) != number:
+        raise ValueError(f"qvalue_network must list num_qvalue_nets={number} different critics, or be a single one.")
+    known = {id(parameter) for parameter in actors}
+    if any(id(parameter) in known for critic in critics for parameter in critic.parameters()):
+        raise ValueError("separate_losses needs a single critic that is copied: listed ones stay tied to the actor.")

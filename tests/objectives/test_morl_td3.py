@@ -329,6 +329,32 @@ def test_shared_parameters_may_be_kept_from_the_critics_gradient(separate, gets)
     }
     assert in_critic["module.last.weight"]
     assert in_critic["module.body.weight"] == gets
+    if separate:
+        with pytest.raises(ValueError, match="separate_losses needs a single critic that is copied"):
+            MORLTD3Loss(actor, [critic, copy.copy(critic)], bounds=(LOW, HIGH), separate_losses=True)
+
+
+@pytest.mark.parametrize(
+    "wrap", [lambda critic: critic, lambda critic: [critic], lambda critic: nn.ModuleList([critic])]
+)
+def test_the_only_critic_learns_from_its_own_weights_on(wrap):
+    actor, (critic, _) = networks(3, 2)
+    own = [parameter.detach().clone() for parameter in critic.parameters()]
+    loss = MORLTD3Loss(actor, wrap(critic), bounds=(LOW, HIGH), num_qvalue_nets=1)
+    loss.make_value_estimator(ValueEstimators.TD0, gamma=0.9)
+    learned = list(loss.qvalue_network_params.parameters())
+    for weights in (learned, loss.target_qvalue_network_params.values(True, True)):
+        for mine, theirs in zip(weights, own, strict=True):
+            assert torch.equal(mine.squeeze(0), theirs)
+    loss.value_loss(make_batch())[0].backward()
+    assert all(parameter.grad.abs().sum() > 0 for parameter in learned)
+
+
+def test_listed_critics_must_be_as_many_as_said_and_different():
+    actor, critics = networks(3, 2)
+    for wrong, number in ((critics[:1] * 2, 2), (critics, 3)):
+        with pytest.raises(ValueError, match=f"must list num_qvalue_nets={number} different critics"):
+            MORLTD3Loss(actor, wrong, bounds=(LOW, HIGH), num_qvalue_nets=number)
 
 
 # The angle

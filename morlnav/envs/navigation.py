@@ -161,7 +161,7 @@ class NavigationEnv(EnvBase):
 
     @torch.no_grad()  # as for any simulator: rewards are no function of a policy's parameters
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        action = tensordict["action"].reshape(self._count, 2)
+        action = self.world.robot.limit(tensordict["action"].reshape(self._count, 2))
         before, observation = self.world.pose, self._observation
         contact = self.world.step(action)
         out = self._outputs(contact.goal, contact.human, contact.box)
@@ -178,7 +178,8 @@ class NavigationEnv(EnvBase):
         return out.reshape(self.batch_size)
 
     def _set_seed(self, seed: int | None) -> None:
-        self._generator = torch.Generator().manual_seed(seed if seed is not None else torch.seed())
+        self._generator = torch.Generator()
+        self._generator.seed() if seed is None else self._generator.manual_seed(seed)
 
     def get_state(self) -> dict[str, Any]:
         """All that a bit-exact continuation needs: the world's state and the scene generator's."""

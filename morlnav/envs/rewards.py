@@ -62,7 +62,7 @@ class Objective(Protocol):
     """Anything callable on a :class:`Transition`; ``static = True`` fixes its preference weight at 1 (Eq. 2).
 
     A method ``bounds(reach)`` may give its least and largest reward in a step that leads ``reach`` metres far at most;
-    Gymnasium's ``reward_space`` is made of them.
+    Gymnasium's ``reward_space`` is made of them, and the learner's targets stay within what they add up to.
     """
 
     def __call__(self, transition: Transition) -> Tensor:

@@ -47,6 +47,15 @@ class DifferentialDrive:
         """Largest action ``(v, ω)``, shape ``[2]``."""
         return torch.tensor([self.max_speed, self.max_turn])
 
+    def limit(self, action: Tensor) -> Tensor:
+        """What the motors make of an action ``[..., 2]``: the nearest one within the bounds.
+
+        >>> DifferentialDrive().limit(torch.tensor([-1.0, 4.0]))
+        tensor([0.0000, 3.1416])
+        """
+        v, w = action.unbind(-1)
+        return torch.stack([v.clamp(0.0, self.max_speed), w.clamp(-self.max_turn, self.max_turn)], -1)
+
     def move(self, pose: Tensor, action: Tensor, duration: float | Tensor) -> Tensor:
         """Follow the exact arc of constant ``action`` ``[..., 2]`` from ``pose`` ``[..., 3]`` for ``duration`` s."""
         v, w = action.unbind(-1)

@@ -263,6 +263,21 @@ def test_without_the_human_only_the_lidar_sees_it():
     assert torch.equal(reduced, torch.cat([full[:, :2], full[:, 4:]], -1))
 
 
+def test_an_action_out_of_bounds_is_driven_as_far_as_the_robot_can():
+    env = NavigationEnv(num_envs=2, seed=0)
+    start = env.reset(scene=straight_scene(count=2))
+    out = env.step(start.set("action", torch.tensor([[-5.0, 9.0], [20.0, 0.0]])))["next"]
+    torch.testing.assert_close(env.world.pose, torch.tensor([[0.0, 0.0, 0.2 * torch.pi], [0.1, 0.0, 0.0]]))
+    low, high = env.reward_bounds
+    assert ((low <= out["reward"]) & (out["reward"] <= high)).all()
+
+
+def test_seeding_an_environment_anew_leaves_the_global_random_state_alone():
+    env, before = NavigationEnv(num_envs=2, seed=0), torch.get_rng_state()
+    env.set_seed(None)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
 def test_actions_are_metres_and_radians_per_second():
     spec = NavigationEnv().action_spec
     assert spec.space.low.tolist() == [0.0, pytest.approx(-math.pi)]

@@ -18,6 +18,7 @@ from morlnav.cli import conf_dir
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
 from morlnav.trainers.drex import STAGES, make_demonstrations, stage_directory, train_clone, train_reward
+from morlnav.trainers.styles import style_config
 
 ANALYTICAL = "objectives=[baseline,distance,efficiency]"
 HARDLY_TRAINED = (
@@ -58,8 +59,9 @@ def recipe(effort: Effort, *overrides: str) -> DictConfig:
     with initialize_config_dir(conf_dir(), version_base="1.3"):
         cfg = compose("train", [*fixed, *HARDLY_TRAINED, *overrides, *(QUICK if effort.quick else ())])
     if "demo" in cfg.objectives:
-        train_reward(cfg, train_clone(cfg, make_demonstrations(cfg)))
-        cfg.objectives.demo.reward.path = str(stage_directory(cfg, *STAGES) / "reward.pt")
+        view = style_config(cfg, "demo")
+        train_reward(view, train_clone(view, make_demonstrations(view)))
+        cfg.objectives.demo.reward.path = str(stage_directory(view, *STAGES) / "reward.pt")
     return cfg
 
 

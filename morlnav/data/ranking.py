@@ -49,7 +49,7 @@ def roll_out_ranked(
         raise ValueError(f"Noise levels must ascend from 0 and need episodes, got {list(levels)} and {episodes}.")
     count = len(levels) * episodes
     env = TransformedEnv(make_env(count), InitTracker())
-    noise = make_noise(torch.tensor(levels).repeat_interleave(episodes))
+    noise = make_noise(torch.tensor(levels, device=env.device).repeat_interleave(episodes))
 
     def act(tensordict: TensorDict) -> TensorDict:
         action = policy(tensordict["observation"])

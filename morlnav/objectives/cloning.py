@@ -82,4 +82,5 @@ class BehaviourCloningLoss(BCLoss):
 
     def _mask(self, tensordict: TensorDictBase) -> Tensor | None:
         key = self.tensor_keys.pad_mask
-        return None if key is None else ~tensordict.get(key)
+        padded = None if key is None else tensordict.get(key, None)
+        return None if padded is None else ~padded

@@ -98,8 +98,7 @@ class StepExploration(TrainerHookBase):
     """Anneal the exploration noise, one step per collected batch.
 
     Args:
-        module: exploration module with ``step``, by default the trainer's ``exploration_module``; its state is saved
-            with the collector's policy.
+        module: exploration module with ``step``, by default the trainer's ``exploration_module``.
     """
 
     def __init__(self, module: torch.nn.Module | None = None) -> None:
@@ -114,13 +113,15 @@ class StepExploration(TrainerHookBase):
         """Register on every collected batch."""
         self.module = self.module or trainer.exploration_module
         trainer.register_op("batch_process", self)
+        trainer.register_module(name, self)
 
     def state_dict(self) -> dict[str, Any]:
-        """Nothing: the noise is part of the collector's policy."""
-        return {}
+        """How far the noise is annealed, which not every collector saves with its policy."""
+        return self.module.state_dict()
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Nothing to load."""
+        """Restore what :meth:`state_dict` gave."""
+        self.module.load_state_dict(state_dict)
 
 
 class LogEpisodes(TrainerHookBase):

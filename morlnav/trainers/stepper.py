@@ -78,11 +78,11 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         metrics["pred_value"] = critic["pred_value"].flatten(0, -2).mean(0)
         if "angle_qvalue" in critic:
             metrics["angle_qvalue"] = critic["angle_qvalue"].mean()
-        if self._update_counter % self.policy_update_delay == 0:
-            self._actor_metrics = self._update_actor(trainer, sub_batch)
-        if isinstance(trainer.replay_buffer.sampler, PrioritizedSampler):
+        if isinstance(getattr(trainer.replay_buffer, "sampler", None), PrioritizedSampler):
             sub_batch.set(trainer.loss_module.tensor_keys.priority, critic["td_error"].max(0)[0])
             trainer.replay_buffer.update_tensordict_priority(sub_batch)
+        if self._update_counter % self.policy_update_delay == 0:
+            self._actor_metrics = self._update_actor(trainer, sub_batch)
         return TensorDict(metrics | self._actor_metrics)
 
     def _update_actor(self, trainer: Trainer, sub_batch: TensorDictBase) -> dict[str, torch.Tensor]:

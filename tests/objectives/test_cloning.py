@@ -82,6 +82,9 @@ def test_keys_masks_reduction_and_specs_can_be_chosen():
     out = loss(TensorDict({"robot": robot, "padded": torch.tensor([False, True])}, [2]))
     torch.testing.assert_close(out["loss_bc"], torch.tensor([1.0, 0.0]))
     torch.testing.assert_close(out["error"], torch.tensor([1.0, 0.0]))
+    unpadded = loss(TensorDict({"robot": robot}, [2]))["loss_bc"]
+    assert unpadded.shape == (2, 2)
+    torch.testing.assert_close(unpadded[0], torch.tensor([1.0, 0.0]))
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,7 @@ class _Follow:
         target, duration = self.pose[:, self.step + 1], self.duration[:, self.step]
         self.step += 1
         action = robot.action_between(now, target, duration)
-        return action.clamp(robot.action_low, robot.action_high).to(observation)
+        return robot.limit(action).to(observation)
 
 
 def _track(file: Trajectories, rows: np.ndarray, number: int, world: World) -> dict[str, Tensor]:

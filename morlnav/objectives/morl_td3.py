@@ -402,7 +402,7 @@ class MORLTD3Loss(LossModule):
 
 
 def _check_critics(critics: Sequence[nn.Module], number: int, actors: Sequence[nn.Parameter]) -> None:
-    if len({id(critic) for critic in critics}) < number or len(critics) != number:
+    if not len({id(critic) for critic in critics}) == len(critics) == number:
         raise ValueError(f"qvalue_network must list num_qvalue_nets={number} different critics, or be a single one.")
     known = {id(parameter) for parameter in actors}
     if any(id(parameter) in known for critic in critics for parameter in critic.parameters()):

@@ -123,8 +123,8 @@ def _check(cfg: DictConfig) -> None:
             f"trainer.frames_per_batch ({cfg.trainer.frames_per_batch}) must be a multiple of env.num_envs "
             f"({cfg.env.num_envs})."
         )
-    if cfg.trainer.inflation < 0:
-        raise ValueError(f"trainer.inflation must not be negative, got {cfg.trainer.inflation}.")
+    if settings.inflation < 0:
+        raise ValueError(f"trainer.inflation must not be negative, got {settings.inflation}.")
 
 
 def _in_one_process(cfg: DictConfig) -> bool:

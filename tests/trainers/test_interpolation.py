@@ -27,7 +27,7 @@ def make_trainer(interpolator):
         VectorCritic(3, 2, depth=1, **BOUNDS), ["observation", "preference", "action"], ["state_action_value"]
     )
     spec = NavigationEnv().action_spec
-    loss = MORLTD3Loss(actor, [critic, critic], action_spec=spec, interpolator=interpolator)
+    loss = MORLTD3Loss(actor, critic, action_spec=spec, interpolator=interpolator)
     loss.make_value_estimator(gamma=0.9)
     with torch.no_grad():  # drives forward at 0.35 m/s, so that episodes end in contact or at their time limit
         loss.actor_network_params["module", "mlp", "2", "bias"].copy_(torch.tensor([0.4, 0.0]))

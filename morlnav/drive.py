@@ -74,7 +74,7 @@ class Controls:
         else:
             turn = TURN * (("left" in self.held) - ("right" in self.held))
             action = torch.tensor([robot.max_speed * ("up" in self.held), turn])
-        return (action * (0.5 if "shift" in self.held else 1.0)).clamp(robot.action_low, robot.action_high)
+        return robot.limit(action * (0.5 if "shift" in self.held else 1.0))
 
 
 class Recorder:

@@ -126,6 +126,9 @@ class Actor(ActionBounds):
         num_cells: neurons per hidden layer.
         preference_scale: λ is multiplied by this first. Above 1, preferences tell the network more apart.
 
+    Raises:
+        ValueError: for a negative ``depth`` or less than one neuron.
+
     Examples:
         >>> actor = Actor(num_preferences=2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
         >>> actor(torch.zeros(7, 34), torch.tensor([0.5, 0.5]).expand(7, 2)).shape
@@ -168,6 +171,9 @@ class VectorCritic(ActionBounds):
         preference_scale: λ is multiplied by this first. Above 1, preferences tell the network more apart.
         afterstate: module from observations and actions to more features, with ``out_features``, such as
             :class:`~morlnav.modules.AfterstateFeatures`.
+
+    Raises:
+        ValueError: for a negative ``depth`` or less than one neuron.
 
     Examples:
         >>> critic = VectorCritic(3, 2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
@@ -256,6 +262,8 @@ def round_products(module: nn.Module, dtype: torch.dtype | None) -> None:
 
 
 def _mlp(in_features: int, out_features: int, depth: int, num_cells: int, gain: float) -> MLP:
+    if depth < 0 or num_cells < 1:
+        raise ValueError(f"A network needs depth >= 0 and num_cells >= 1, got depth={depth} and num_cells={num_cells}.")
     mlp = MLP(
         in_features,
         out_features,

@@ -15,6 +15,13 @@ def stacked(critics):
     return {name: torch.stack([dict(critic.named_parameters())[name] for critic in critics]) for name in names}
 
 
+@pytest.mark.parametrize("shape", [{"depth": -1}, {"num_cells": 0}])
+def test_impossible_networks_are_refused(shape):
+    for make in (lambda: Actor(2, **BOUNDS, **shape), lambda: VectorCritic(3, 2, **BOUNDS, **shape)):
+        with pytest.raises(ValueError, match="depth >= 0 and num_cells >= 1"):
+            make()
+
+
 @pytest.mark.parametrize("dtype", [None, torch.bfloat16])
 def test_a_stack_of_critics_is_each_critic_alone(dtype):
     critics = [VectorCritic(3, 2, **BOUNDS, num_cells=32) for _ in range(3)]

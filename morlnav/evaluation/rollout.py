@@ -165,7 +165,7 @@ def evaluate_policy(
         for step in range(max_steps):
             visible = observation if observe_human else without_human(observation)
             preference = schedule[episode, min(step, schedule.shape[1] - 1)]
-            action, before = policy(visible, preference), world.pose
+            action, before = world.robot.limit(policy(visible, preference)), world.pose
             contact = world.step(action)
             next_observation = world.observe()
             transition = Transition(
@@ -179,7 +179,7 @@ def evaluate_policy(
             action_log[now, step] = action[running]
             reward[now, step] = torch.stack([term(transition) for term in terms], -1)[running]
             steps[last], outcome[last] = step + 1, ended[running & done]
-            duration[now] += contact.duration[running]
+            duration[now] += world.step_time if contact.duration is None else contact.duration[running]
 
             observation, running = next_observation, running & ~done
             if not running.any():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from typing import Any
 
 import torch
@@ -89,8 +88,8 @@ def make_env(cfg: DictConfig, num_envs: int | None = None, seed: int | None = No
         torch.Size([2, 3, 2])
     """
     env = make_base_env(cfg, num_envs, seed if seed is not None else cfg.seed)
-    robot = env.world.robot
-    env.world.robot = replace(robot, radius=robot.radius + cfg.trainer.inflation)
+    env.world.robot = robot = copy.copy(env.world.robot)
+    object.__setattr__(robot, "radius", robot.radius + cfg.trainer.inflation)  # it may be frozen, or of another kind
     sampler = make_preferences(cfg, len(env.objectives))
     return TransformedEnv(env, Compose(StepCounter(cfg.env.max_steps), RewardSum(), DrawPreference(sampler)))
 

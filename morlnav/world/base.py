@@ -19,7 +19,7 @@ from morlnav.world.scene import Scene
 class Contact:
     """What the robot met during one control step; ``bool`` of shape ``[B]``, but for the time.
 
-    ``duration`` is how long the robot drove in seconds ``[B]``: the whole step, or up to the contact.
+    ``duration`` is how long the robot drove in seconds ``[B]``, up to the contact; the whole step where it is ``None``.
     """
 
     human: Tensor

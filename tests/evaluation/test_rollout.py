@@ -49,6 +49,29 @@ def test_matches_the_environment_stepped_episode_by_episode(rollouts, scenes, pr
             assert rollouts.outcome[p, s] == expected
 
 
+def test_actions_are_limited_to_what_the_robot_can_do(scenes):
+    too_fast, fastest = (
+        evaluate_policy(lambda o, p, v=v: torch.tensor([[v, 0.0]]).expand(len(o), 2), scenes, torch.eye(2), max_steps=5)
+        for v in (5.0, 0.5)
+    )
+    assert torch.equal(too_fast.pose, fastest.pose)
+    assert torch.equal(too_fast.action, fastest.action)
+
+
+class Timeless(TensorWorld):
+    """A world that does not tell how long a step took."""
+
+    def step(self, action):
+        contact = super().step(action)
+        contact.duration = None
+        return contact
+
+
+def test_a_world_need_not_measure_the_time_of_a_step(scenes):
+    rollouts = evaluate_policy(seek, scenes, torch.eye(2), world=Timeless(), max_steps=5)
+    assert torch.equal(rollouts.duration, rollouts.steps * 0.2)
+
+
 def test_the_episodes_end_in_different_ways_and_lengths(rollouts):
     assert (rollouts.outcome == Outcome.GOAL).any()
     assert rollouts.steps.unique().numel() > 3

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import pandas as pd
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from morlnav.policy import CONFIG_FILE, load_config
@@ -189,15 +189,15 @@ def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -
 
 
 def _differences(runs: dict[str, Path]) -> pd.DataFrame:
-    configs = pd.DataFrame([_settings(path) for path in runs.values()])
+    configs = pd.DataFrame([flat_settings(load_config(path), path) for path in runs.values()])
     different = configs.loc[:, configs.nunique(dropna=False) > 1]
     different.insert(0, "run", list(runs))
     return different
 
 
-def _settings(run: Path) -> dict[str, object]:
+def flat_settings(cfg: DictConfig, run: Path, resolve: bool = True) -> dict[str, object]:
     """The config values of a run by their dotted names; where it went on and its own directory are no settings."""
-    flat = pd.json_normalize(OmegaConf.to_container(load_config(run))).to_dict("records")[0]
+    flat = pd.json_normalize(OmegaConf.to_container(cfg, resolve=resolve)).to_dict("records")[0]
     flat.pop("resume", None)
     own = f"{run}{os.sep}"
     return {

@@ -18,7 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from morlnav import policy as policies
-from morlnav.analysis import load_fronts
+from morlnav.analysis import flat_settings, load_fronts
 from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet, set_threads, stage
 from morlnav.evaluate import evaluate_run
 from morlnav.record.loggers import TensorboardCSVLogger
@@ -36,9 +36,11 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     set_threads(cfg.threads)
     torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
     directory.mkdir(parents=True, exist_ok=True)
-    _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
     logger = TensorboardCSVLogger("logs", directory)
     learn_demonstration_rewards(cfg, directory, logger)
+    if checkpoint is not None and (directory / policies.CONFIG_FILE).is_file():
+        _check_settings(cfg, directory)
+    _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
     OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
     torch.manual_seed(cfg.seed)
     trainer = make_trainer(cfg, directory, logger)
@@ -77,6 +79,27 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
         table = evaluate_run(directory, trust=True)
     print(f"{table}\nEverything is in {directory}")
     return table
+
+
+def _check_settings(cfg: DictConfig, directory: Path) -> None:
+    """Nothing that the command line does not name may differ from what the run began with, as a new default would."""
+    words = HydraConfig.get().overrides.task if HydraConfig.initialized() else []
+    named = [word.lstrip("+~").split("=")[0] for word in words]
+    began = flat_settings(OmegaConf.load(directory / policies.CONFIG_FILE), directory)
+    now, written = (flat_settings(cfg, directory, resolve) for resolve in (True, False))
+    changed = [
+        f"{key}: {began.get(key, 'nothing')} then, {value} now"
+        for key, value in now.items()
+        if began.get(key, "nothing") != value
+        and "${" not in str(written[key])  # what it refers to is compared
+        and not key.endswith(".reward.path")  # the run may have been moved
+        and not any(key == name or ("." in name and key.startswith(f"{name}.")) for name in named)
+    ]
+    if changed:
+        raise ValueError(
+            f"resume={cfg.resume}: defaults have changed since the run began ({'; '.join(changed)}); name these values "
+            f"on the command line to go on."
+        )
 
 
 def _check_device(device: str) -> None:

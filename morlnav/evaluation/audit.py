@@ -38,6 +38,8 @@ class Thresholds:
         noise_correlation: Spearman correlation of ``ε`` and mean ``R̂`` is at most this.
         frechet: the planner's optimum stays within this distance of the target's path, in metres.
         human_distance: by how many metres the planner's optimum may pass the human nearer and further than the target.
+        alike: an alternative is the target itself, and not judged, if the median Fréchet distance of their paths is
+            below this, in metres, and they take the same time to a tenth.
     """
 
     margin: float = 0.0
@@ -48,6 +50,7 @@ class Thresholds:
     noise_correlation: float = -0.8
     frechet: float = 0.45
     human_distance: tuple[float, float] = (0.2, 0.3)
+    alike: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class Audit:
     Attributes:
         behaviours: a row per behaviour, the target first: ``behaviour``, ``score`` (mean ``Σ c_d·(R̂ + b_d)`` over its
             paired scenes), ``mean_reward`` (mean ``R̂`` per step), ``steps``, ``pairs`` (scenes compared in), ``margin``
-            with its bootstrap interval ``margin_low`` and ``margin_high``, and ``required``.
+            with its bootstrap interval ``margin_low`` and ``margin_high``, and ``required`` (NaN: not judged).
         noise: a row per noise level: ``epsilon``, ``mean_reward`` with ``mean_reward_low`` and ``mean_reward_high``,
             ``baseline`` (mean baseline return as a fraction of what the whole way to the goal pays) and ``steps``.
         calibration: a row per bin of the predicted probability that the first of two snippets has less noise:
@@ -116,8 +119,9 @@ def audit_reward(
     """Compare the demonstration with everything that should earn less, and look for the reward's true optimum.
 
     Behaviours are compared scene by scene, where both reach the goal without a collision (idling and spinning: where
-    the target does). Then the demonstrator is rolled out under growing noise in the same scenes, and a
-    :class:`PathPlanner` finds the path that the reward likes best in some scenes where the target arrives.
+    the target does). An alternative that drives like the target is none. Then the demonstrator is rolled out under
+    growing noise in the same scenes, and a :class:`PathPlanner` finds the path that the reward likes best in some
+    scenes where the target arrives.
 
     Args:
         reward: maps observations ``[B, 34]`` and actions ``[B, 2]`` to ``R̂`` ``[B]`` in [0, 1].
@@ -167,7 +171,7 @@ def audit_reward(
         for turn, index in enumerate(chosen)
     ]
     references = reference_paths(scenes[chosen], oracle, world=world, max_steps=2 * max_steps) if chosen else []
-    others = behaviours[1:]
+    others = behaviours[behaviours["required"].notna()]
     facts = {
         "target_rank": 1 + int((others["margin"] < 0).sum()),
         "target_reward": float(behaviours["mean_reward"][0]),
@@ -189,6 +193,7 @@ def _compare(
     rng: np.random.Generator,
 ) -> pd.DataFrame:
     """The frame ``behaviours`` of an :class:`Audit`."""
+    paths = {name: rollouts.path[0] for name, rollouts in driven.items()}
     score = {name: rollouts.reward[0, ..., 0].double().sum(-1).cpu() for name, rollouts in driven.items()}
     steps = {name: rollouts.steps[0].cpu() for name, rollouts in driven.items()}
     target = (driven["target"].outcome[0] == Outcome.GOAL).cpu()
@@ -198,6 +203,10 @@ def _compare(
         margin = (score["target"] - score[name])[paired].numpy()
         low, high = (math.nan, math.nan) if name == "target" else _interval(margin, 0.95, 1000, rng)
         per_step = score[name][paired] / (scale * steps[name][paired]) - offset
+        both = paired.nonzero().flatten().tolist() if suite[name].arrives else []
+        apart = frechet_distance([paths[name][i] for i in both], [paths["target"][i] for i in both]).median()
+        longer = (steps[name] / steps["target"] - 1)[both].abs().median()
+        alike = bool(apart < thresholds.alike and longer < 0.1)
         rows.append(
             {
                 "behaviour": name,
@@ -208,15 +217,16 @@ def _compare(
                 "margin": math.nan if name == "target" or not len(margin) else margin.mean(),
                 "margin_low": low,
                 "margin_high": high,
-                "required": _required(name, thresholds),
+                "required": math.nan if alike else _required(name, thresholds),
             }
         )
     return pd.DataFrame(rows)
 
 
 def _required(name: str, thresholds: Thresholds) -> float:
-    special = {"target": math.nan, "idle": thresholds.idle_margin}
-    return special.get(name, thresholds.clear_margin if name in thresholds.clear else thresholds.margin)
+    if name == "idle":
+        return thresholds.idle_margin
+    return thresholds.clear_margin if name in thresholds.clear else thresholds.margin
 
 
 def _plan_table(chosen: Sequence[int], planned: Sequence[PlannedPath], references: Sequence[Tensor]) -> pd.DataFrame:
@@ -241,7 +251,7 @@ def _reasons(
     reasons = []
     if facts["target_rank"] > 1:
         reasons.append(f"The target ranks {facts['target_rank']}. instead of first.")
-    for row in behaviours[1:].itertuples():
+    for row in behaviours[behaviours["required"].notna()].itertuples():
         if not row.margin > row.required:
             reasons.append(
                 f"The margin over '{row.behaviour}' is {row.margin:.0f}, it must exceed {row.required:.0f} "

@@ -8,7 +8,7 @@ from support import configure
 
 from morlnav.audit import main
 from morlnav.evaluation import Outcome, Thresholds, alternative_behaviours, audit_reward, evaluation_scenes, write_audit
-from morlnav.modules import RewardEnsemble, RewardModel, read_facts, save_reward
+from morlnav.modules import CircumnavigationOracle, RewardEnsemble, RewardModel, read_facts, save_reward
 from morlnav.trainers.auditing import audit_run, find_reward
 from morlnav.world import DifferentialDrive, Lidar, SceneSampler, TensorWorld
 
@@ -58,10 +58,10 @@ def test_the_plan_is_judged(audit):
     assert audit.plans["frechet"].between(0.0, 0.45).all()
 
 
-def brief(reward, scenes, **settings):
+def brief(reward, scenes, *names, **settings):
     """An audit with a few alternatives in a few scenes."""
     scenes = scenes[:4]
-    suite = {name: alternative_behaviours(scenes)[name] for name in ("taut 1.0", "idle")}
+    suite = {name: alternative_behaviours(scenes)[name] for name in (*names, "taut 1.0", "idle")}
     return audit_reward(reward, scenes=scenes, alternatives=suite, levels=(0.0, 0.5), **settings)
 
 
@@ -85,6 +85,15 @@ def test_the_printed_offset_pays_for_idling(scenes, ideal):
 def test_a_reward_for_hurrying_is_found_out_by_its_plan(scenes):
     hurried = brief(lambda observation, action: action[:, 0] / 0.5, scenes, plans=1)
     assert any(reason.startswith("The path that the reward likes best") for reason in hurried.reasons)
+
+
+def test_an_alternative_that_drives_like_the_target_is_not_judged(scenes, ideal):
+    mirrored = brief(ideal, scenes, "wrong side", plans=0, oracle=CircumnavigationOracle(clockwise=False))
+    frame = mirrored.behaviours.set_index("behaviour")
+    assert frame.loc["wrong side", "margin"] == 0
+    assert frame["required"].isna().to_dict() == {"target": True, "wrong side": True, "taut 1.0": False, "idle": False}
+    assert not any("wrong side" in reason for reason in mirrored.reasons)
+    assert brief(ideal, scenes, "half speed", plans=0).behaviours["required"].notna().sum() == 3
 
 
 def test_thresholds_decide(scenes, ideal):

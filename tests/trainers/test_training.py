@@ -14,6 +14,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import torch
+from omegaconf import OmegaConf
 from support import ANALYTICAL, SMALL, configure, trainer_for
 from torchrl.checkpoint import CheckpointRotation
 
@@ -208,6 +209,14 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_
         process.communicate()
     assert not (directory / "policy.pt").exists()
 
+    began = OmegaConf.load(directory / "config.yaml")
+    other = OmegaConf.merge(began, {"loss": {"policy_noise": 0.7}})
+    del other.loss.search
+    OmegaConf.save(other, directory / "config.yaml")
+    with pytest.raises(SystemExit, match=r"loss.policy_noise: 0.7 then, 0.1 now; loss.search.*: nothing then"):
+        train_command(f"resume={directory}")
+    OmegaConf.save(began, directory / "config.yaml")
+
     versions = json.loads((directory / "versions.json").read_text())
     (directory / "versions.json").write_text(json.dumps(versions | {"git": "another"}))
     train_command(f"resume={directory}")
@@ -366,9 +375,7 @@ def test_a_discount_that_is_missing_is_named(tmp_path):
 
 @pytest.mark.parametrize("random_frames", [0, 32, 96])
 def test_learning_rates_fall_to_their_end_with_the_last_update(tmp_path, random_frames):
-    cfg = configure(
-        "trainer.total_frames=128", f"trainer.random_frames={random_frames}", "trainer.lr_decay_end=0.1"
-    )
+    cfg = configure("trainer.total_frames=128", f"trainer.random_frames={random_frames}", "trainer.lr_decay_end=0.1")
     trainer = trainer_for(cfg, tmp_path)
     trainer.train()
     rates = [

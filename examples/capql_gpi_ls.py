@@ -145,7 +145,7 @@ def compare(runs: list[Path]) -> str:
         far, fast = (summary[summary[f"lambda_{name}"] == 1].iloc[0] for name in ("distance", "efficiency"))
         line = {"run": run.as_posix(), **{f"{name} %": f"{summary[name].mean():.1f}" for name in ("SR", "CR", "TR")}}
         line |= {"min d_h at distance": f"{far['min_human_distance']:.2f} m"}
-        line |= {"time at efficiency": f"{fast['navigation_time']:.1f} s"}
+        line |= {"time at efficiency": "–" if pd.isna(fast["navigation_time"]) else f"{fast['navigation_time']:.1f} s"}
         line |= {"hypervolume": f"{front['hypervolume'][0]:.3g}", "utility": f"{front['expected_utility'][0]:.0f}"}
         lines.append(line)
     heading = [list(lines[0]), ["--"] * len(lines[0])]

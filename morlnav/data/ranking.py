@@ -101,8 +101,8 @@ class SnippetPairs:
     def sample(self, num: int) -> TensorDict:
         """``num`` pairs: ``better`` and ``worse``, each with ``observation`` and ``action`` ``[num, L, ...]``."""
         count = len(self.rollouts)
-        first = torch.randint(count, (num,))
-        other = (first + torch.randint(1, count, (num,))) % count
+        first = torch.randint(count, (num,), device=self.steps.device)
+        other = (first + torch.randint(1, count, (num,), device=self.steps.device)) % count
         low, high = torch.minimum(first, other), torch.maximum(first, other)
         return TensorDict(better=self._cut(low), worse=self._cut(high), batch_size=[num])
 
@@ -112,6 +112,6 @@ class SnippetPairs:
         if self.length is None:
             return rows[level, episode].auto_batch_size_(1)
         room = self.steps[level, episode] - self.length + 1
-        start = (torch.rand(len(level)) * room).long()
-        time = start.unsqueeze(1) + torch.arange(self.length)
+        start = (torch.rand(len(level), device=room.device) * room).long()
+        time = start.unsqueeze(1) + torch.arange(self.length, device=room.device)
         return rows[level.unsqueeze(1), episode.unsqueeze(1), time].auto_batch_size_(1)

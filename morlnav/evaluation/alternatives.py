@@ -94,7 +94,8 @@ def alternative_behaviours(scenes: Scene, max_steps: int = 250, world: World | N
         return Behaviour(lambda observation, _: policy(observation), 2 * max_steps)
 
     def follow(**shape: float) -> Behaviour:
-        return Behaviour(PathFollower(scenes, paths_around(scenes, **shape), **drive), 2 * max_steps, has_memory=True)
+        follower = PathFollower(scenes, paths_around(scenes, **shape), **drive).to(world.device)
+        return Behaviour(follower, 2 * max_steps, has_memory=True)
 
     def constant(speed: float, turn: float) -> Behaviour:
         action = torch.tensor([speed, turn])

@@ -58,7 +58,7 @@ def noisy_rollouts(
         return roll_out_ranked(
             policy,
             lambda count: NavigationEnv(world, lambda *_, **__: everywhere, baseline, num_envs=count, seed=seed),
-            lambda epsilon: EpsilonGreedyNoise(epsilon, low, high, hold),
+            lambda epsilon: EpsilonGreedyNoise(epsilon, low, high, hold).to(epsilon.device),
             levels,
             len(scenes),
             max_steps,

@@ -68,7 +68,7 @@ class PreferenceInterpolator(nn.Module):
     ) -> None:
         super().__init__()
         grid = simplex_grid(num_objectives, steps) if preferences is None else torch.as_tensor(preferences)
-        keys = grid.detach().clone()
+        keys = grid.detach().clone() if grid.is_floating_point() else grid.float()
         if keys.ndim != 2 or keys.shape[-1] != num_objectives:
             raise ValueError(f"preferences must have the shape [K, {num_objectives}], got {tuple(keys.shape)}.")
         if repeated := len(keys) - len(keys.unique(dim=0)):

@@ -23,10 +23,10 @@ class Guidance(nn.Module):
     With ``λ_i = 0`` it is absent; ``p`` keeps it to preferences near the guided corner, for one network serves all of
     them and a strong pull would crowd out the others' gradients.
 
-    Without an ``entry`` it acts at every preference and is judged by all objectives. A guide that draws random actions
-    with a negative margin then finds what the gradient cannot: where turning left and right are both better than
-    what lies between, an actor that sits in the poorer mode stays there, however clearly both critics see the other.
-    Of several ``proposals`` the best one pulls, so that proposals to both sides do not cancel out.
+    Without an ``entry`` it acts at every preference, and the critics' mean judges it by all objectives. A guide that
+    draws random actions with a negative margin then finds what the gradient cannot: where turning left and right are
+    both better than what lies between, an actor that sits in the poorer mode stays there, however clearly both critics
+    see the other. Of several ``proposals`` the best one pulls, so that proposals to both sides do not cancel out.
 
     Args:
         guide: writes an action from entries of the batch, such as the behaviour clone; its parameters are frozen.

@@ -248,10 +248,12 @@ def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
     """Replay that stores each transition once and redraws its preference whenever it is sampled."""
     relabel = build(cfg.replay.relabel, sampler=make_preferences(cfg, num_objectives))
     scale = RewardScaling(loc=0.0, scale=cfg.replay.reward_scale, in_keys=[("next", "reward")])
+    # Without one, PrioritizedSampler draws by NumPy on a CPU; the state of one on a GPU TorchRL cannot load.
+    generator = torch.Generator().manual_seed(cfg.seed) if torch.device(cfg.device).type == "cpu" else None
     return PickleFreeReplayBuffer(
         storage=LazyTensorStorage(int(cfg.replay.capacity), device=cfg.device),
         sampler=build(cfg.replay.sampler),
         batch_size=cfg.trainer.batch_size,
         transform=Compose(relabel, scale),
-        generator=torch.Generator(cfg.device).manual_seed(cfg.seed),  # else PrioritizedSampler draws by NumPy
+        generator=generator,
     )

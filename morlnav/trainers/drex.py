@@ -7,6 +7,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,7 @@ def stage_directory(cfg: DictConfig, *groups: str) -> Path:
         for group, part in parts.items()
     }
     content |= {"seed": cfg.seed, "threads": cfg.threads}  # a seed's result holds for a number of threads
+    content |= {name: version(name) for name in ("morlnav", "torch")}  # ... and for a version of the code
     digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
     return Path(cfg.cache) / f"{groups[-1]}-{digest}"
 
@@ -168,7 +170,10 @@ def judge_clone(
     """
     first = (demonstrations["step"] == 0).nonzero().flatten()
     bounds = [*first.tolist(), len(demonstrations)]
-    paths = [demonstrations["pose"][start:end, :2] for start, end in pairwise(bounds)][:episodes]
+    paths = [
+        torch.cat([demonstrations["pose"][start:end], demonstrations["next", "pose"][end - 1 : end]])[:, :2]
+        for start, end in pairwise(bounds[: episodes + 1])
+    ]
     scenes = Scene.from_tensordict(demonstrations["scene"][first[:episodes]])
     world = build(cfg.world, device="cpu")
     rollouts = evaluate_policy(
@@ -241,6 +246,10 @@ def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tup
         **settings.fit,
     )
     model = RewardEnsemble(members, reduce=settings.reduce) if len(members) > 1 else members[0]
+    if settings.normalise and settings.levels[0] > 0:
+        raise ValueError(
+            f"ranking.normalise needs roll-outs without noise; begin ranking.levels with 0, not {settings.levels[0]}."
+        )
     if settings.normalise:
         mask = rollouts["mask"]
         clean = torch.zeros_like(mask)

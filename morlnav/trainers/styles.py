@@ -18,6 +18,8 @@ from morlnav.world import Scene, World, without_human
 
 # In a config, so that stages come from the cache only as long as the recording is the same.
 OmegaConf.register_new_resolver("demonstrations_digest", demonstrations_digest, replace=True)
+# A recording may be used as it is, with no number asked for.
+OmegaConf.register_new_resolver("or", lambda value, other: other if value is None else value, replace=True)
 
 CLONE_FILE = "clone.pt"
 DEMONSTRATED = "morlnav.envs.DemonstrationObjective"

@@ -22,6 +22,11 @@ def interpolator():
     return PreferenceInterpolator(2, preferences=CORNERS, values=VALUES)
 
 
+def test_keys_may_be_whole_numbers():
+    whole = PreferenceInterpolator(2, preferences=[[1, 0], [0, 1]], values=[[5, -2, -9], [5, -9, -2]])
+    torch.testing.assert_close(whole(CORNERS), normalize(VALUES, dim=-1))
+
+
 def best_value(preference):
     """A concave front: the value that is best at a preference, with a baseline and two costs."""
     return torch.cat([torch.full_like(preference[..., :1], 10.0), 4 * normalize(preference, dim=-1) - 8], -1)

@@ -126,3 +126,10 @@ def test_a_clone_guides_the_actor_and_a_search_may_stand_beside_it(demonstration
         (search,) = guidance_of(tmp_path / f"without_{number}", *words)
         assert search.entry is None
     assert len(guidance_of(tmp_path / "neither", "recipe=analytical", "loss.search=null")) == 0
+
+
+def test_a_reward_is_not_normalised_by_noisy_roll_outs(demonstration_run, tmp_path):
+    _, directory = demonstration_run
+    cfg = configure(*SMALL, f"cache={directory / 'cache'}", "ranking.normalise=true", "ranking.levels=[0.1,0.9]")
+    with pytest.raises(ValueError, match=r"begin ranking\.levels with 0, not 0\.1"):
+        run(cfg, tmp_path)

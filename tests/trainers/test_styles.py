@@ -145,10 +145,12 @@ def test_a_clone_that_drives_elsewhere_is_found_out(many):
     cfg, directory = many
     view, data = style_config(cfg, "recorded"), load_demonstrations(directory / "recording")
     facts, reasons = judge_clone(view, CircumnavigationOracle(), data)
-    assert facts["clone"]["frechet"] < 0.15  # a path is measured up to the last step before the goal
+    assert facts["clone"]["frechet"] < 1e-3
     assert reasons == []
     _, reasons = judge_clone(view, PassingOracle(clockwise=False), data)
     assert "off the recorded paths" in reasons[0]
+    facts, _ = judge_clone(view, CircumnavigationOracle(), data[data["step"] == 0])  # of one transition each
+    assert facts["clone"]["episodes"] == 4
 
 
 def test_the_audit_of_any_of_them_can_be_repeated(many, tmp_path, monkeypatch, capsys):
@@ -184,6 +186,14 @@ def test_recorded_demonstrations_may_be_those_of_the_run(tmp_path):
     assert data["episode"].unique().tolist() == list(range(5))  # replayed among other boxes
     with pytest.raises(Exception, match="holds no demonstrations"):
         make_demonstrations(configure(*overrides, f"demonstrations.path={tmp_path / 'nowhere'}"))
+
+
+@pytest.mark.parametrize(("num", "others"), [("null", 1000), ("5", 5)])
+def test_a_style_beside_a_recording_has_as_many_demonstrations(num, others):
+    cfg = configure(
+        "objectives=[baseline,demo,wide_left,distance]", "demonstrations=recorded", f"demonstrations.num={num}"
+    )
+    assert style_config(cfg, "wide_left").demonstrations.num == others
 
 
 @pytest.mark.parametrize("style", ["wide_left", "slow_pass", "wait"])

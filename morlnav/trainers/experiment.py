@@ -207,8 +207,7 @@ def _make_stepper(cfg: DictConfig, loss: MORLTD3Loss, actor: nn.Module) -> MORLT
         build(settings.optimizer_actor, params=list(loss.actor_network_params.parameters())),
         build(settings.optimizer_critic, params=list(loss.qvalue_network_params.parameters())),
     ]
-    unlearned = max(0, math.ceil(settings.random_frames / settings.frames_per_batch) - 1)  # batches without updates
-    updates = max(1, _num_batches(cfg) - unlearned) * settings.optim_steps_per_batch
+    updates = _num_batches(cfg) * settings.optim_steps_per_batch
     totals = (max(1, updates // settings.policy_update_delay), updates)
 
     def decay(progress: float) -> float:

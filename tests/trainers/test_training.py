@@ -23,7 +23,7 @@ from morlnav.cli import conf_dir
 from morlnav.evaluate import evaluate_run
 from morlnav.train import run
 from morlnav.trainers.resume import load_checkpoint
-from morlnav.world import Scene
+from morlnav.world import DifferentialDrive, Scene
 
 BRIEF = ("trainer.total_frames=32", "trainer.random_frames=16", "evaluation.during.interval=16")
 
@@ -365,6 +365,23 @@ def test_a_robot_grazes_a_box_while_it_learns_and_passes_it_when_evaluated(world
         contacts = [robots.step(torch.tensor([[0.5, 0.0]])).box for _ in range(20)]
         touched.append(bool(torch.stack(contacts).any()))
     assert touched == [True, False]
+
+
+class Crawler:
+    """A robot of another kind, which is no dataclass."""
+
+    def __init__(self, radius, max_speed, max_turn):
+        self.radius, self.max_speed, self.max_turn = radius, max_speed, max_turn
+
+    action_low, action_high = DifferentialDrive.action_low, DifferentialDrive.action_high
+    limit, move = DifferentialDrive.limit, DifferentialDrive.move
+
+
+def test_a_robot_of_another_kind_is_wider_while_it_learns(tmp_path):
+    cfg = configure(f"world.robot._target_={__name__}.Crawler", "trainer.inflation=0.04")
+    trainer = trainer_for(cfg, tmp_path)
+    worlds = trainer.collector.env.base_env.world, trainer._modules["evaluate_policy"].env.world
+    assert [world.robot.radius for world in worlds] == pytest.approx([0.22, 0.18])
 
 
 def test_a_discount_that_is_missing_is_named(tmp_path):

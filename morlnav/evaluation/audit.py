@@ -180,7 +180,7 @@ def audit_reward(
         **facts,
     }
     table = _plan_table(chosen, planned, references)
-    reasons = _reasons(behaviours, facts, table, thresholds)
+    reasons = _reasons(others, facts, table, thresholds)
     return Audit(behaviours, noise, calibration, table, facts, reasons, planned, references)
 
 
@@ -193,7 +193,6 @@ def _compare(
     rng: np.random.Generator,
 ) -> pd.DataFrame:
     """The frame ``behaviours`` of an :class:`Audit`."""
-    paths = {name: rollouts.path[0] for name, rollouts in driven.items()}
     score = {name: rollouts.reward[0, ..., 0].double().sum(-1).cpu() for name, rollouts in driven.items()}
     steps = {name: rollouts.steps[0].cpu() for name, rollouts in driven.items()}
     target = (driven["target"].outcome[0] == Outcome.GOAL).cpu()
@@ -203,10 +202,7 @@ def _compare(
         margin = (score["target"] - score[name])[paired].numpy()
         low, high = (math.nan, math.nan) if name == "target" else _interval(margin, 0.95, 1000, rng)
         per_step = score[name][paired] / (scale * steps[name][paired]) - offset
-        both = paired.nonzero().flatten().tolist() if suite[name].arrives else []
-        apart = frechet_distance([paths[name][i] for i in both], [paths["target"][i] for i in both]).median()
-        longer = (steps[name] / steps["target"] - 1)[both].abs().median()
-        alike = bool(apart < thresholds.alike and longer < 0.1)
+        alike = suite[name].arrives and _alike(rollouts, driven["target"], paired, thresholds.alike)
         rows.append(
             {
                 "behaviour": name,
@@ -221,6 +217,15 @@ def _compare(
             }
         )
     return pd.DataFrame(rows)
+
+
+def _alike(rollouts: Rollouts, target: Rollouts, paired: Tensor, within: float) -> bool:
+    """Whether both take the same paths to ``within`` metres in the same time, in the median of these scenes ``[S]``."""
+    scenes = paired.nonzero().flatten().tolist()
+    paths, targets = rollouts.path[0], target.path[0]
+    apart = frechet_distance([paths[scene] for scene in scenes], [targets[scene] for scene in scenes]).median()
+    longer = (rollouts.steps[0] / target.steps[0] - 1)[scenes].abs().median()
+    return bool(apart < within and longer < 0.1)
 
 
 def _required(name: str, thresholds: Thresholds) -> float:
@@ -244,14 +249,12 @@ def _plan_table(chosen: Sequence[int], planned: Sequence[PlannedPath], reference
     return pd.DataFrame(columns)
 
 
-def _reasons(
-    behaviours: pd.DataFrame, facts: Mapping[str, float], plans: pd.DataFrame, wanted: Thresholds
-) -> list[str]:
+def _reasons(others: pd.DataFrame, facts: Mapping[str, float], plans: pd.DataFrame, wanted: Thresholds) -> list[str]:
     """A sentence for every requirement that is not met; what could not be measured is not met."""
     reasons = []
     if facts["target_rank"] > 1:
         reasons.append(f"The target ranks {facts['target_rank']}. instead of first.")
-    for row in behaviours[behaviours["required"].notna()].itertuples():
+    for row in others.itertuples():
         if not row.margin > row.required:
             reasons.append(
                 f"The margin over '{row.behaviour}' is {row.margin:.0f}, it must exceed {row.required:.0f} "

@@ -214,9 +214,13 @@ def train_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None = None
 
 
 def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tuple[nn.Module, dict[str, float]]:
+    settings = cfg.ranking
+    if settings.normalise and settings.levels[0] > 0:
+        raise ValueError(
+            f"ranking.normalise needs roll-outs without noise; begin ranking.levels with 0, not {settings.levels[0]}."
+        )
     torch.manual_seed(cfg.seed)
-    rollouts = make_ranked_rollouts(cfg, clone)
-    settings, env = cfg.ranking, _bare_env(cfg, 1)
+    rollouts, env = make_ranked_rollouts(cfg, clone), _bare_env(cfg, 1)
     split = max(1, int((1 - settings.held_out) * settings.episodes))
     if split >= settings.episodes:
         raise ValueError(
@@ -246,10 +250,6 @@ def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tup
         **settings.fit,
     )
     model = RewardEnsemble(members, reduce=settings.reduce) if len(members) > 1 else members[0]
-    if settings.normalise and settings.levels[0] > 0:
-        raise ValueError(
-            f"ranking.normalise needs roll-outs without noise; begin ranking.levels with 0, not {settings.levels[0]}."
-        )
     if settings.normalise:
         mask = rollouts["mask"]
         clean = torch.zeros_like(mask)

@@ -27,9 +27,10 @@ from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPILSCon
 from torch import Tensor
 
 from morlnav.data import preference_edges
-from morlnav.envs import ENV_ID, DemonstrationObjective, Objective, default_objectives
-from morlnav.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
-from morlnav.modules import CircumnavigationOracle, NavigationFeatures, load_reward
+from morlnav.modules import load_reward
+from morlnav.navigation.envs import ENV_ID, DemonstrationObjective, Objective, default_objectives
+from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
+from morlnav.navigation.modules import CircumnavigationOracle, NavigationFeatures
 
 AGENTS = {"capql": CAPQL, "gpi_ls": GPILSContinuousAction}
 SETTINGS = {"capql": {}, "gpi_ls": {"gradient_updates": 1}}

@@ -12,7 +12,7 @@ import pandas as pd
 from omegaconf import DictConfig, OmegaConf
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from morlnav.policy import CONFIG_FILE, load_config
+from morlnav.deployment.policy import CONFIG_FILE, load_config
 
 Runs: TypeAlias = "str | Path | Iterable[str | Path]"
 """A run directory, a sweep's directory with run directories in it, or several run directories."""

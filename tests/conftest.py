@@ -7,7 +7,7 @@ import pytest
 import torch
 from support import configure
 
-from morlnav.train import main, run
+from morlnav.commands.train import main, run
 
 os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # as the command line does, before Ray is imported
 

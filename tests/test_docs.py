@@ -15,9 +15,9 @@ from tensordict.nn import TensorDictModule
 
 import morlnav
 from morlnav.cli import conf_dir
+from morlnav.commands.train import main as morlnav_train
 from morlnav.configs import CONFIGS
 from morlnav.data import PreferenceSampler
-from morlnav.train import main as morlnav_train
 from morlnav.trainers import make_base_env, make_loss, make_networks, make_preferences
 
 ROOT = Path(__file__).parents[1]

@@ -25,6 +25,6 @@ for name in sys.argv[1:]:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="a fork for each of them saves a start of Python")
 def test_any_of_them_may_come_first():
     names = [module.name for module in pkgutil.iter_modules(morlnav.__path__, "morlnav.")]
-    assert "morlnav.audit" in names
+    assert "morlnav.commands.audit" in names
     result = subprocess.run([sys.executable, "-c", FIRST, *names], capture_output=True, text=True, check=True)
     assert result.stdout == "", result.stderr

@@ -18,8 +18,8 @@ from morlnav.benchmarks.simulation import drive, engines
 from morlnav.benchmarks.stacked_td3 import StackedTD3
 from morlnav.benchmarks.timing import Contender, Effort, Row, race
 from morlnav.cli import keep_freed_memory
+from morlnav.navigation.world import SceneSampler
 from morlnav.trainers.builders import make_base_env, make_networks
-from morlnav.world import SceneSampler
 
 TITLE = "Cost as the work grows"
 NOTES = """Updates as in the learner's *plain* row with more objectives; steps of 64 environments with more boxes;

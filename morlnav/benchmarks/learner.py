@@ -16,8 +16,8 @@ from morlnav.benchmarks.minimal_td3 import MinimalTD3
 from morlnav.benchmarks.pd_morl import PDMORL
 from morlnav.benchmarks.recipes import filled_trainer, recipe
 from morlnav.benchmarks.timing import Contender, Effort, Row, race
-from morlnav.envs import ENV_ID, Efficiency, NavigationEnv, default_objectives
 from morlnav.modules import Actor, VectorCritic
+from morlnav.navigation.envs import ENV_ID, Efficiency, NavigationEnv, default_objectives
 from morlnav.trainers.builders import bounds_of, make_base_env, make_networks, product_dtype
 
 TITLE = "Learner: updates with batches of 256, networks of 4×256, 4 objectives, 34 observed numbers"

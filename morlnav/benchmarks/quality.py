@@ -11,7 +11,7 @@ from omegaconf import DictConfig
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from morlnav.benchmarks.timing import Row
-from morlnav.policy import load_config
+from morlnav.deployment.policy import load_config
 from morlnav.trainers.builders import make_base_env
 
 TITLE = "From an empty directory to the quality bar"

@@ -14,9 +14,9 @@ import torch
 from torch import Tensor
 
 from morlnav.benchmarks.timing import Contender, Effort, NotAvailable, Row, race
-from morlnav.envs import NavigationEnv
-from morlnav.world import PymunkWorld, SceneSampler, TensorWorld, World
-from morlnav.world.pymunk import ROBOT_FILTER
+from morlnav.navigation.envs import NavigationEnv
+from morlnav.navigation.world import PymunkWorld, SceneSampler, TensorWorld, World
+from morlnav.navigation.world.pymunk import ROBOT_FILTER
 
 TITLE = "Simulation: one robot's step with a scan of 720 rays over 4 m"
 NOTES = """Unit: steps of single robots, each with one scan of 720 rays. `NavigationEnv` computes motion, contact

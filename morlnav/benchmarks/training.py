@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 from morlnav.benchmarks import neighbours
 from morlnav.benchmarks.recipes import filled_trainer, recipe
 from morlnav.benchmarks.timing import Contender, Effort, Row, race
-from morlnav.envs import ENV_ID
+from morlnav.navigation.envs import ENV_ID
 
 TITLE = "Whole training: driving and learning in turns"
 NOTES = """Every row collects environment steps and makes the updates that belong to them: morlnav's recipes in the

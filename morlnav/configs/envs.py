@@ -15,7 +15,7 @@ from morlnav.configs.common import PartConfig, store
 @store("env", "social_navigation")
 @dataclass
 class NavigationEnvConfig(PartConfig, EnvConfig):
-    """Hydra configuration for :class:`~morlnav.envs.NavigationEnv`.
+    """Hydra configuration for :class:`~morlnav.navigation.envs.NavigationEnv`.
 
     Examples:
         >>> from hydra.utils import instantiate
@@ -29,13 +29,13 @@ class NavigationEnvConfig(PartConfig, EnvConfig):
     num_envs: int | None = None
     observe_human: bool = True
     seed: int | None = None
-    _target_: str = "morlnav.envs.NavigationEnv"
+    _target_: str = "morlnav.navigation.envs.NavigationEnv"
 
 
 @store("world", "tensor_world")
 @dataclass
 class TensorWorldConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.world.TensorWorld`."""
+    """Hydra configuration for :class:`~morlnav.navigation.world.TensorWorld`."""
 
     robot: Any = None
     lidar: Any = None
@@ -44,43 +44,43 @@ class TensorWorldConfig(PartConfig):
     step_time: float = 0.2
     check_interval: float = 0.05
     device: str | None = None
-    _target_: str = "morlnav.world.TensorWorld"
+    _target_: str = "morlnav.navigation.world.TensorWorld"
 
 
 @store("world", "pymunk_world")
 @dataclass
 class PymunkWorldConfig(TensorWorldConfig):
-    """Hydra configuration for :class:`~morlnav.world.PymunkWorld`."""
+    """Hydra configuration for :class:`~morlnav.navigation.world.PymunkWorld`."""
 
-    _target_: str = "morlnav.world.PymunkWorld"
+    _target_: str = "morlnav.navigation.world.PymunkWorld"
 
 
 @store("robot", "differential_drive")
 @dataclass
 class DifferentialDriveConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.world.DifferentialDrive`."""
+    """Hydra configuration for :class:`~morlnav.navigation.world.DifferentialDrive`."""
 
     radius: float = 0.18
     max_speed: float = 0.5
     max_turn: float = math.pi
-    _target_: str = "morlnav.world.DifferentialDrive"
+    _target_: str = "morlnav.navigation.world.DifferentialDrive"
 
 
 @store("lidar", "planar")
 @dataclass
 class LidarConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.world.Lidar`."""
+    """Hydra configuration for :class:`~morlnav.navigation.world.Lidar`."""
 
     rays: int = 720
     sectors: int = 30
     max_range: float = 4.0
-    _target_: str = "morlnav.world.Lidar"
+    _target_: str = "morlnav.navigation.world.Lidar"
 
 
 @store("scenes", "random")
 @dataclass
 class SceneSamplerConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.world.SceneSampler`."""
+    """Hydra configuration for :class:`~morlnav.navigation.world.SceneSampler`."""
 
     num_boxes: int = 3
     distance: tuple[float, float] = (6.0, 12.0)
@@ -90,64 +90,64 @@ class SceneSamplerConfig(PartConfig):
     human_clearance: float = 0.8
     heading_noise: float = math.pi / 4
     max_tries: int = 50
-    _target_: str = "morlnav.world.SceneSampler"
+    _target_: str = "morlnav.navigation.world.SceneSampler"
 
 
 @store("objective", "goal_progress")
 @dataclass
 class GoalProgressConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.envs.GoalProgress`."""
+    """Hydra configuration for :class:`~morlnav.navigation.envs.GoalProgress`."""
 
     scale: float = 125.0
-    _target_: str = "morlnav.envs.GoalProgress"
+    _target_: str = "morlnav.navigation.envs.GoalProgress"
 
 
 @store("objective", "collision")
 @dataclass
 class CollisionConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.envs.Collision`."""
+    """Hydra configuration for :class:`~morlnav.navigation.envs.Collision`."""
 
     penalty: float = -1000.0
-    _target_: str = "morlnav.envs.Collision"
+    _target_: str = "morlnav.navigation.envs.Collision"
 
 
 @store("objective", "human_distance")
 @dataclass
 class HumanDistanceConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.envs.HumanDistance`."""
+    """Hydra configuration for :class:`~morlnav.navigation.envs.HumanDistance`."""
 
     penalty: float = -10.0
     threshold: float = 2.0
     minimum: float = 0.3
-    _target_: str = "morlnav.envs.HumanDistance"
+    _target_: str = "morlnav.navigation.envs.HumanDistance"
 
 
 @store("objective", "efficiency")
 @dataclass
 class EfficiencyConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.envs.Efficiency`."""
+    """Hydra configuration for :class:`~morlnav.navigation.envs.Efficiency`."""
 
     penalty: float = -10.0
-    _target_: str = "morlnav.envs.Efficiency"
+    _target_: str = "morlnav.navigation.envs.Efficiency"
 
 
 @store("objective", "sum")
 @dataclass
 class SumConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.envs.Sum`."""
+    """Hydra configuration for :class:`~morlnav.navigation.envs.Sum`."""
 
     terms: list[Any] = MISSING
     static: bool = False
-    _target_: str = "morlnav.envs.Sum"
+    _target_: str = "morlnav.navigation.envs.Sum"
 
 
 @store("objective", "demonstration")
 @dataclass
 class DemonstrationObjectiveConfig(PartConfig):
-    """Hydra configuration for :class:`~morlnav.envs.DemonstrationObjective`."""
+    """Hydra configuration for :class:`~morlnav.navigation.envs.DemonstrationObjective`."""
 
     reward: Any = MISSING
     scale: float = 10.0
     offset: float = -1.0
     observe_human: bool = True
-    _target_: str = "morlnav.envs.DemonstrationObjective"
+    _target_: str = "morlnav.navigation.envs.DemonstrationObjective"

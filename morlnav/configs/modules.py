@@ -17,14 +17,14 @@ from morlnav.configs.common import PartConfig, store
 @store("network", "navigation_features")
 @dataclass
 class NavigationFeaturesConfig(PartConfig, NetworkConfig):
-    """Hydra configuration for :class:`~morlnav.modules.NavigationFeatures`."""
+    """Hydra configuration for :class:`~morlnav.navigation.modules.NavigationFeatures`."""
 
     observe_human: bool = True
     lidar_range: float = 4.0
     sectors: int = 30
     use_lidar: bool = True
     octaves: int = 0
-    _target_: str = "morlnav.modules.NavigationFeatures"
+    _target_: str = "morlnav.navigation.modules.NavigationFeatures"
 
 
 @store("network", "preference_actor")
@@ -70,14 +70,14 @@ class VectorCriticConfig(PartConfig, NetworkConfig):
 @store("network", "afterstate_features")
 @dataclass
 class AfterstateFeaturesConfig(PartConfig, NetworkConfig):
-    """Hydra configuration for :class:`~morlnav.modules.AfterstateFeatures`."""
+    """Hydra configuration for :class:`~morlnav.navigation.modules.AfterstateFeatures`."""
 
     robot: Any = None
     step_time: float = 0.2
     observe_human: bool = True
     octaves: int = 4
     lookahead: Any = ()
-    _target_: str = "morlnav.modules.AfterstateFeatures"
+    _target_: str = "morlnav.navigation.modules.AfterstateFeatures"
 
 
 @store("network", "reward_model")
@@ -141,41 +141,41 @@ class OracleConfig(PartConfig, NetworkConfig):
 @store("network", "circumnavigation_oracle")
 @dataclass
 class CircumnavigationOracleConfig(OracleConfig):
-    """Hydra configuration for :class:`~morlnav.modules.CircumnavigationOracle`."""
+    """Hydra configuration for :class:`~morlnav.navigation.modules.CircumnavigationOracle`."""
 
     band: float = 0.4
     sector: float = math.pi / 3
-    _target_: str = "morlnav.modules.CircumnavigationOracle"
+    _target_: str = "morlnav.navigation.modules.CircumnavigationOracle"
 
 
 @store("network", "passing_oracle")
 @dataclass
 class PassingOracleConfig(OracleConfig):
-    """Hydra configuration for :class:`~morlnav.modules.PassingOracle`."""
+    """Hydra configuration for :class:`~morlnav.navigation.modules.PassingOracle`."""
 
     radius: float = 2.0
-    _target_: str = "morlnav.modules.PassingOracle"
+    _target_: str = "morlnav.navigation.modules.PassingOracle"
 
 
 @store("network", "slow_passing_oracle")
 @dataclass
 class SlowPassingOracleConfig(OracleConfig):
-    """Hydra configuration for :class:`~morlnav.modules.SlowPassingOracle`."""
+    """Hydra configuration for :class:`~morlnav.navigation.modules.SlowPassingOracle`."""
 
     slow: float = 0.2
     reach: float = 2.0
-    _target_: str = "morlnav.modules.SlowPassingOracle"
+    _target_: str = "morlnav.navigation.modules.SlowPassingOracle"
 
 
 @store("network", "waiting_oracle")
 @dataclass
 class WaitingOracleConfig(OracleConfig):
-    """Hydra configuration for :class:`~morlnav.modules.WaitingOracle`."""
+    """Hydra configuration for :class:`~morlnav.navigation.modules.WaitingOracle`."""
 
     pause: float = 4.0
     distance: float = 1.8
     depth: float = 0.2
-    _target_: str = "morlnav.modules.WaitingOracle"
+    _target_: str = "morlnav.navigation.modules.WaitingOracle"
 
 
 @store("exploration", "partly_greedy_noise")
@@ -222,7 +222,7 @@ class UniformActionsConfig(PartConfig, NetworkConfig):
 @store("exploration", "wandering_noise")
 @dataclass
 class WanderingNoiseConfig(PartConfig, NetworkConfig):
-    """Hydra configuration for :class:`~morlnav.modules.WanderingNoise`."""
+    """Hydra configuration for :class:`~morlnav.navigation.modules.WanderingNoise`."""
 
     epsilon: Any = MISSING
     action_low: list[float] = MISSING
@@ -232,7 +232,7 @@ class WanderingNoiseConfig(PartConfig, NetworkConfig):
     spread: float = 1.0
     step_time: float = 0.2
     generator: Any = None
-    _target_: str = "morlnav.modules.WanderingNoise"
+    _target_: str = "morlnav.navigation.modules.WanderingNoise"
 
 
 @store("interpolator", "preference")

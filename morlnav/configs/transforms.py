@@ -48,7 +48,7 @@ class HindsightPreferenceRelabelConfig(PartConfig, TransformConfig):
 
     Examples:
         >>> from hydra.utils import instantiate
-        >>> from morlnav.configs import UniformPreferencesConfig
+        >>> from morlnav.configs.data import UniformPreferencesConfig
         >>> instantiate(HindsightPreferenceRelabelConfig(sampler=UniformPreferencesConfig(num_objectives=2))).next_key
         ('next', 'preference')
     """

@@ -36,7 +36,7 @@ def roll_out_ranked(
         ValueError: if the levels do not ascend from 0 or more, or there are no episodes.
 
     Examples:
-        >>> from morlnav.envs import NavigationEnv
+        >>> from morlnav.navigation.envs import NavigationEnv
         >>> from morlnav.modules import EpsilonGreedyNoise
         >>> straight = lambda observation: torch.tensor([0.5, 0.0]).expand(len(observation), 2)
         >>> low, high = torch.tensor([0.0, -3.14]), torch.tensor([0.5, 3.14])

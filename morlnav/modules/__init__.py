@@ -1,37 +1,39 @@
-"""Modules: networks, the preference interpolator and the reward model."""
+"""Modules: networks, exploration, the preference interpolator and reward models."""
 
-from morlnav.modules.afterstate import AfterstateFeatures
+from typing import Any
+
 from morlnav.modules.interpolator import PreferenceInterpolator
-from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic, round_products
-from morlnav.modules.noise import EpsilonGreedyNoise, PartlyGreedyNoise, UniformActions, WanderingNoise
-from morlnav.modules.oracle import CircumnavigationOracle, Oracle, Plan
-from morlnav.modules.passing import PassingOracle, SlowPassingOracle, WaitingOracle
-from morlnav.modules.reward_file import load_reward, load_weights, read_facts, save_reward, write_facts
+from morlnav.modules.networks import Actor, Flat, Perceptron, VectorCritic, round_products
 from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, RewardModel
+from morlnav.modules.saved import load_module, load_weights, read_facts, save_module, write_facts
+
+_NOISE = ("EpsilonGreedyNoise", "PartlyGreedyNoise", "UniformActions")
 
 __all__ = [
     "Actor",
-    "AfterstateFeatures",
-    "CircumnavigationOracle",
     "EpsilonGreedyNoise",
-    "NavigationFeatures",
+    "Flat",
     "NormalisedReward",
-    "Oracle",
     "PartlyGreedyNoise",
-    "PassingOracle",
-    "Plan",
+    "Perceptron",
     "PreferenceInterpolator",
     "RewardEnsemble",
     "RewardModel",
-    "SlowPassingOracle",
     "UniformActions",
     "VectorCritic",
-    "WaitingOracle",
-    "WanderingNoise",
-    "load_reward",
+    "load_module",
     "load_weights",
     "read_facts",
     "round_products",
-    "save_reward",
+    "save_module",
     "write_facts",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Exploration stands on TorchRL, which a robot that loads a policy does without."""
+    if name in _NOISE:
+        from morlnav.modules import noise
+
+        return getattr(noise, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,86 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import torch
 from torch import Tensor, nn
-from torchrl.modules import MLP
-
-
-class NavigationFeatures(nn.Module):
-    """Bring a raw observation ``[..., 34]`` to numbers of order one, by default ``[..., 68]``.
-
-    Bearings become sine and cosine, so that straight behind is no jump; distances are given linearly and by a term
-    that resolves the last decimetres, where contact is decided.
-
-    Args:
-        observe_human: whether the observation holds the human's distance and bearing.
-        lidar_range: range of the lidar in metres.
-        sectors: number of lidar sectors.
-        use_lidar: whether the lidar is looked at.
-        octaves: Fourier features of the distances to goal and human with this many wavelengths, 16 m, 8 m, ...
-            (Tancik et al., NeurIPS 2020). An MLP on the bare distance learns its fine structure late.
-
-    Examples:
-        >>> NavigationFeatures()(torch.zeros(5, 34)).shape
-        torch.Size([5, 68])
-        >>> NavigationFeatures(use_lidar=False, octaves=4)(torch.zeros(5, 34)).shape
-        torch.Size([5, 24])
-    """
-
-    longest = 16.0
-    """Longest wavelength of the Fourier features in metres."""
-
-    def __init__(
-        self,
-        observe_human: bool = True,
-        lidar_range: float = 4.0,
-        sectors: int = 30,
-        use_lidar: bool = True,
-        octaves: int = 0,
-    ) -> None:
-        super().__init__()
-        self.observe_human = observe_human
-        self.lidar_range = lidar_range
-        self.sectors = sectors
-        self.use_lidar = use_lidar
-        self.octaves = octaves
-        self.in_features = 2 + 2 * observe_human + sectors
-        self.out_features = (4 + 2 * octaves) * (1 + observe_human) + 2 * sectors * use_lidar
-
-    def config(self) -> dict[str, Any]:
-        """The constructor's arguments, as plain values."""
-        return {
-            name: getattr(self, name) for name in ("observe_human", "lidar_range", "sectors", "use_lidar", "octaves")
-        }
-
-    def forward(self, observation: Tensor) -> Tensor:
-        """Map observations in metres and radians to features.
-
-        Raises:
-            ValueError: if the last dimension does not fit.
-        """
-        if observation.shape[-1] != self.in_features:
-            raise ValueError(f"Expected observations [..., {self.in_features}], got {tuple(observation.shape)}.")
-        known = 2 * (1 + self.observe_human)
-        distance, bearing = observation[..., :known].unflatten(-1, (-1, 2)).unbind(-1)
-        shares = distance * torch.exp2(torch.arange(distance.shape[-1], device=distance.device)) / 6 - 1  # 6 m and 3 m
-        features = [torch.stack([shares, (-distance).exp(), bearing.sin(), bearing.cos()], -1)]
-        if self.octaves:
-            frequencies = torch.exp2(torch.arange(self.octaves, device=distance.device)) * (2 * math.pi / self.longest)
-            phase = distance.unsqueeze(-1) * frequencies
-            features += [phase.sin(), phase.cos()]
-        features = torch.cat(features, -1).flatten(-2)
-        if not self.use_lidar:
-            return features
-        lidar = observation[..., known:]
-        return torch.cat([features, 1 - 2 * lidar / self.lidar_range, nearness(lidar)], -1)
-
-
-def nearness(distance: Tensor) -> Tensor:
-    """A number that resolves the last decimetres of a distance in metres: 2.7 at contact, 0 at 0.9 m."""
-    return 0.3 / (distance + 0.1) - 0.3
 
 
 class ActionBounds(nn.Module):
@@ -113,15 +38,45 @@ class ActionBounds(nn.Module):
         return self.low + (unit + 1) * (self.high - self.low) / 2
 
 
+class Flat(nn.Module):
+    """Features that are the observation itself.
+
+    Args:
+        size: length ``D`` of the observation.
+    """
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.in_features = self.out_features = size
+
+    def config(self) -> dict[str, Any]:
+        """The constructor's argument."""
+        return {"size": self.out_features}
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """The observation ``[..., D]``."""
+        return observation
+
+
+def as_features(features: nn.Module | int) -> nn.Module:
+    """The module that a network looks through; a number stands for observations of that length as they are.
+
+    >>> as_features(3)(torch.zeros(2, 3)).shape
+    torch.Size([2, 3])
+    """
+    return features if isinstance(features, nn.Module) else Flat(features)
+
+
 class Actor(ActionBounds):
     """Deterministic policy ``π(s, λ)``: an MLP with a tanh output, scaled to the action's bounds (Sec. III-B.2).
 
     Args:
-        num_preferences: entries of the preference λ; with 0 the policy is ``π(s)`` and ignores any preference, as the
+        num_objectives: entries of the preference λ; with 0 the policy is ``π(s)`` and ignores any preference, as the
             behaviour clone does.
         action_low: least action, length ``A``.
         action_high: largest action, length ``A``.
-        features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
+        features: module from observations to features, with ``out_features``; or the length ``D`` of observations
+            that are read as they are.
         depth: hidden layers.
         num_cells: neurons per hidden layer.
         preference_scale: λ is multiplied by this first. Above 1, preferences tell the network more apart.
@@ -130,77 +85,92 @@ class Actor(ActionBounds):
         ValueError: for a negative ``depth`` or less than one neuron.
 
     Examples:
-        >>> actor = Actor(num_preferences=2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
+        >>> actor = Actor(num_objectives=2, action_low=[0.0, -3.14], action_high=[0.5, 3.14], features=34)
         >>> actor(torch.zeros(7, 34), torch.tensor([0.5, 0.5]).expand(7, 2)).shape
         torch.Size([7, 2])
     """
 
     def __init__(
         self,
-        num_preferences: int,
+        num_objectives: int,
         action_low: Tensor | list[float],
         action_high: Tensor | list[float],
-        features: nn.Module | None = None,
+        features: nn.Module | int,
         depth: int = 4,
         num_cells: int = 256,
         preference_scale: float = 1.0,
     ) -> None:
         super().__init__(action_low, action_high)
-        self.features = features if features is not None else NavigationFeatures()
-        self.num_preferences = num_preferences
+        self.features = as_features(features)
+        self.num_objectives = num_objectives
+        self.depth, self.num_cells = depth, num_cells
         self.preference_scale = preference_scale
-        self.mlp = _mlp(self.features.out_features + num_preferences, self.low.numel(), depth, num_cells, gain=0.01)
+        inputs = self.features.out_features + num_objectives
+        self.mlp = Perceptron(inputs, self.low.numel(), depth, num_cells, gain=0.01)
 
     def forward(self, observation: Tensor, preference: Tensor | None = None) -> Tensor:
         """Action ``[..., A]`` in its own units for observations ``[..., D]`` and preferences ``[..., n]``."""
-        inputs = (self.preference_scale * preference,) if self.num_preferences else ()
+        inputs = (self.preference_scale * preference,) if self.num_objectives else ()
         return self.to_action(self.mlp(self.features(observation), *inputs).tanh())
+
+    def config(self) -> dict[str, Any]:
+        """The constructor's arguments, as a saved policy keeps them."""
+        return {
+            "num_objectives": self.num_objectives,
+            "action_low": self.low.tolist(),
+            "action_high": self.high.tolist(),
+            "features": self.features,
+            "depth": self.depth,
+            "num_cells": self.num_cells,
+            "preference_scale": self.preference_scale,
+        }
 
 
 class VectorCritic(ActionBounds):
     """Vector value ``Q(s, a, λ)``, one entry per objective (Sec. III-B).
 
     Args:
-        num_objectives: entries of the reward vector.
-        num_preferences: entries of the preference λ.
+        num_rewards: entries ``m`` of the reward vector.
+        num_objectives: entries ``n`` of the preference λ.
         action_low: least action, length ``A``.
         action_high: largest action, length ``A``.
-        features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
+        features: module from observations to features, with ``out_features``; or the length ``D`` of observations
+            that are read as they are.
         depth: hidden layers.
         num_cells: neurons per hidden layer.
         preference_scale: λ is multiplied by this first. Above 1, preferences tell the network more apart.
         afterstate: module from observations and actions to more features, with ``out_features``, such as
-            :class:`~morlnav.modules.AfterstateFeatures`.
+            :class:`~morlnav.navigation.modules.AfterstateFeatures`.
 
     Raises:
         ValueError: for a negative ``depth`` or less than one neuron.
 
     Examples:
-        >>> critic = VectorCritic(3, 2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
+        >>> critic = VectorCritic(3, 2, action_low=[0.0, -3.14], action_high=[0.5, 3.14], features=34)
         >>> critic(torch.zeros(7, 34), torch.zeros(7, 2), torch.zeros(7, 2)).shape
         torch.Size([7, 3])
     """
 
     def __init__(
         self,
+        num_rewards: int,
         num_objectives: int,
-        num_preferences: int,
         action_low: Tensor | list[float],
         action_high: Tensor | list[float],
-        features: nn.Module | None = None,
+        features: nn.Module | int,
         depth: int = 4,
         num_cells: int = 256,
         preference_scale: float = 1.0,
         afterstate: nn.Module | None = None,
     ) -> None:
         super().__init__(action_low, action_high)
-        self.features = features if features is not None else NavigationFeatures()
+        self.features = as_features(features)
         self.preference_scale = preference_scale
         self.afterstate = afterstate
         looks = [self.features] if afterstate is None else [self.features, afterstate]
         self.stackable = not any(module.state_dict() for module in looks)  # a loss then needs no vmap for its critics
-        inputs = sum(module.out_features for module in looks) + num_preferences + self.low.numel()
-        self.mlp = _mlp(inputs, num_objectives, depth, num_cells, gain=1.0)
+        inputs = sum(module.out_features for module in looks) + num_objectives + self.low.numel()
+        self.mlp = Perceptron(inputs, num_rewards, depth, num_cells, gain=1.0)
 
     def forward(self, observation: Tensor, preference: Tensor, action: Tensor) -> Tensor:
         """Values ``[..., m]`` for observations ``[..., D]``, preferences ``[..., n]`` and actions ``[..., A]``.
@@ -237,8 +207,50 @@ class StackableLinear(nn.Linear):
         return torch.baddbmm(bias.unsqueeze(-2), inputs.expand(len(weight), *inputs.shape[-2:]), weight.mT)
 
 
+class Perceptron(nn.Sequential):
+    """ReLU layers that multiply stacks of parameters, initialised orthogonally; several inputs are concatenated.
+
+    Args:
+        in_features: length of the inputs together.
+        out_features: length of the output.
+        depth: hidden layers.
+        num_cells: neurons per hidden layer.
+        gain: of the last layer's initial weights.
+
+    Raises:
+        ValueError: for a negative ``depth`` or less than one neuron.
+
+    Examples:
+        >>> Perceptron(5, 2, depth=1, num_cells=8)(torch.zeros(4, 3), torch.zeros(4, 2)).shape
+        torch.Size([4, 2])
+    """
+
+    def __init__(self, in_features: int, out_features: int, depth: int, num_cells: int, gain: float = 1.0) -> None:
+        if depth < 0 or num_cells < 1:
+            raise ValueError(
+                f"A network needs depth >= 0 and num_cells >= 1, got depth={depth} and num_cells={num_cells}."
+            )
+        widths = [in_features, *[num_cells] * depth, out_features]
+        layers: list[nn.Module] = []
+        for inputs, outputs in pairwise(widths):
+            layers += [StackableLinear(inputs, outputs), nn.ReLU(inplace=True)]
+        super().__init__(*layers[:-1])
+        for layer in self.layers:
+            nn.init.orthogonal_(layer.weight, gain if layer is self.layers[-1] else math.sqrt(2))
+            nn.init.zeros_(layer.bias)
+
+    @property
+    def layers(self) -> list[StackableLinear]:
+        """The linear layers, first to last."""
+        return [layer for layer in self if isinstance(layer, StackableLinear)]
+
+    def forward(self, *inputs: Tensor) -> Tensor:
+        """Output ``[..., out]`` for inputs ``[..., in_i]`` whose lengths add up to ``in``."""
+        return super().forward(torch.cat(inputs, -1) if len(inputs) > 1 else inputs[0])
+
+
 def round_products(module: nn.Module, dtype: torch.dtype | None) -> None:
-    """Let the hidden layers of every MLP in ``module`` multiply in ``dtype``, such as ``torch.bfloat16``.
+    """Let the hidden layers of every :class:`Perceptron` in ``module`` multiply in a type such as ``torch.bfloat16``.
 
     The first and the last layer, which see observations and give values, stay exact. Processors made for bfloat16 take
     a part of the time; others may take longer.
@@ -248,7 +260,7 @@ def round_products(module: nn.Module, dtype: torch.dtype | None) -> None:
         dtype: of the products; ``None`` for exact ones.
 
     Examples:
-        >>> critic = VectorCritic(3, 2, action_low=[0.0, -3.14], action_high=[0.5, 3.14])
+        >>> critic = VectorCritic(3, 2, action_low=[0.0, -3.14], action_high=[0.5, 3.14], features=34)
         >>> inputs = torch.rand(7, 34), torch.rand(7, 2), torch.rand(7, 2)
         >>> exact = critic(*inputs)
         >>> round_products(critic, torch.bfloat16)
@@ -256,25 +268,6 @@ def round_products(module: nn.Module, dtype: torch.dtype | None) -> None:
         (True, False)
     """
     for mlp in module.modules():
-        if isinstance(mlp, MLP):
-            for layer in [layer for layer in mlp if isinstance(layer, StackableLinear)][1:-1]:
+        if isinstance(mlp, Perceptron):
+            for layer in mlp.layers[1:-1]:
                 layer.dtype = dtype
-
-
-def _mlp(in_features: int, out_features: int, depth: int, num_cells: int, gain: float) -> MLP:
-    if depth < 0 or num_cells < 1:
-        raise ValueError(f"A network needs depth >= 0 and num_cells >= 1, got depth={depth} and num_cells={num_cells}.")
-    mlp = MLP(
-        in_features,
-        out_features,
-        depth=depth,
-        num_cells=num_cells,
-        activation_class=nn.ReLU,
-        activation_kwargs={"inplace": True},
-        layer_class=StackableLinear,
-    )
-    linear = [layer for layer in mlp if isinstance(layer, nn.Linear)]
-    for layer in linear:
-        nn.init.orthogonal_(layer.weight, gain if layer is linear[-1] else math.sqrt(2))
-        nn.init.zeros_(layer.bias)
-    return mlp

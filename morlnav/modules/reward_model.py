@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 
-from morlnav.modules.networks import ActionBounds, NavigationFeatures, _mlp
+from morlnav.modules.networks import ActionBounds, Perceptron, as_features
 
 INPUTS = (("observation",), ("observation", "action"))
 REDUCTIONS = ("mean", "pessimistic")
@@ -25,45 +24,37 @@ class RewardModel(ActionBounds):
         inputs: ``("observation", "action")`` or ``("observation",)``.
         action_low: least action, length ``A``.
         action_high: largest action, length ``A``.
-        features: module from observations to features, with ``out_features``; :class:`NavigationFeatures` by default.
+        features: module from observations to features, with ``out_features``; or the length ``D`` of observations
+            that are read as they are.
         depth: hidden layers.
         num_cells: neurons per hidden layer.
-        in_features: length ``D`` of observations that are read as they are, instead of ``features``.
 
     Raises:
-        ValueError: for other ``inputs``, or both ``features`` and ``in_features``.
+        ValueError: for other ``inputs``.
 
     Examples:
-        >>> model = RewardModel(inputs=("observation",))
-        >>> model(torch.zeros(7, 25, 34)).shape
+        >>> model = RewardModel(("observation",), [-2.0], [2.0], features=3)
+        >>> model(torch.zeros(7, 25, 3)).shape
         torch.Size([7, 25])
-        >>> RewardModel(action_low=[-2.0], action_high=[2.0], in_features=3)(torch.zeros(7, 3), torch.zeros(7, 1)).shape
-        torch.Size([7])
     """
 
     def __init__(
         self,
-        inputs: Sequence[str] = ("observation", "action"),
-        action_low: Tensor | Sequence[float] = (0.0, -math.pi),
-        action_high: Tensor | Sequence[float] = (0.5, math.pi),
-        features: nn.Module | None = None,
-        depth: int = 4,
-        num_cells: int = 256,
-        in_features: int | None = None,
+        inputs: Sequence[str],
+        action_low: Tensor | Sequence[float],
+        action_high: Tensor | Sequence[float],
+        features: nn.Module | int,
+        depth: int = 3,
+        num_cells: int = 128,
     ) -> None:
         super().__init__(action_low, action_high)
         self.inputs = tuple(inputs)
         if self.inputs not in INPUTS:
             raise ValueError(f"A reward model's inputs are {INPUTS[0]} or {INPUTS[1]}, got {self.inputs}.")
-        if features is not None and in_features is not None:
-            raise ValueError("Give features or in_features, not both.")
-        if features is None:
-            features = NavigationFeatures() if in_features is None else nn.Identity()
-        self.in_features, self.features = in_features, features
+        self.features = as_features(features)
         self.depth, self.num_cells = depth, num_cells
-        sees_action = "action" in self.inputs
-        width = in_features if in_features is not None else features.out_features
-        self.mlp = _mlp(width + sees_action * self.low.numel(), 1, depth, num_cells, gain=1.0)
+        width = self.features.out_features + ("action" in self.inputs) * self.low.numel()
+        self.mlp = Perceptron(width, 1, depth, num_cells)
 
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
         """Reward ``[...]`` for observations ``[..., D]`` and actions ``[..., A]`` in their own units.
@@ -79,19 +70,12 @@ class RewardModel(ActionBounds):
         return self.mlp(*features).squeeze(-1).sigmoid()
 
     def config(self) -> dict[str, Any]:
-        """The constructor's arguments, as plain values.
-
-        Raises:
-            ValueError: for features of one's own other than :class:`NavigationFeatures`.
-        """
-        if self.in_features is None and type(self.features) is not NavigationFeatures:
-            raise ValueError(f"Only NavigationFeatures can be described, got {type(self.features).__name__}.")
-        plain = self.in_features is not None
+        """The constructor's arguments, features still as a module."""
         return {
             "inputs": list(self.inputs),
             "action_low": self.low.tolist(),
             "action_high": self.high.tolist(),
-            **({"in_features": self.in_features} if plain else {"features": self.features.config()}),
+            "features": self.features,
             "depth": self.depth,
             "num_cells": self.num_cells,
         }
@@ -111,7 +95,8 @@ class RewardEnsemble(nn.Module):
         ValueError: for an empty ensemble, one member with ``"pessimistic"``, or an unknown ``reduce``.
 
     Examples:
-        >>> members = [RewardModel(("observation",)), RewardModel(("observation", "action"))]
+        >>> shape = {"action_low": [0.0, -3.14], "action_high": [0.5, 3.14], "features": 34}
+        >>> members = [RewardModel(inputs, **shape) for inputs in (["observation"], ["observation", "action"])]
         >>> RewardEnsemble(members, reduce="pessimistic")(torch.zeros(7, 34), torch.zeros(7, 2)).shape
         torch.Size([7])
     """
@@ -158,7 +143,8 @@ class NormalisedReward(nn.Module):
 
     Examples:
         >>> observation, action, clean = torch.rand(100, 34), torch.rand(100, 2), torch.arange(100) < 50
-        >>> model = NormalisedReward(RewardModel()).fit(observation, action, clean)
+        >>> model = RewardModel(["observation", "action"], [0.0, -3.14], [0.5, 3.14], features=34)
+        >>> model = NormalisedReward(model).fit(observation, action, clean)
         >>> reward = model(observation, action)
         >>> reward[clean].median().item(), reward.min().item()
         (1.0, 0.0)

@@ -7,8 +7,10 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from morlnav.evaluation import Audit, audit_reward, evaluation_scenes, write_audit
-from morlnav.modules import NavigationFeatures, load_reward, read_facts, write_facts
+from morlnav.modules import load_reward, read_facts, write_facts
+from morlnav.navigation.audit import Audit, audit_reward, write_audit
+from morlnav.navigation.evaluation import evaluation_scenes
+from morlnav.navigation.modules import NavigationFeatures
 from morlnav.trainers.builders import build
 from morlnav.trainers.styles import CLONE_FILE, make_demonstrator, style_of
 
@@ -54,7 +56,7 @@ def audit_run(
             scenes, against its demonstrator, with its scale and offset. Without it, everything is as in the paper.
         directory: of that run, which keeps a clone where no policy demonstrated; where the reward lies by default.
         record: also write the verdict into the reward's facts.
-        settings: arguments of :func:`~morlnav.evaluation.audit_reward`, such as ``offset=1.0``; they win over ``cfg``.
+        settings: arguments of :func:`~morlnav.navigation.audit.audit_reward`, such as ``offset=1.0``; they win over ``cfg``.
 
     Returns:
         The audit.

@@ -16,8 +16,8 @@ from torchrl.envs import Compose, RewardScaling, RewardSum, StepCounter, Transfo
 from torchrl.objectives import ValueEstimators
 
 from morlnav.data import PreferenceSampler
-from morlnav.envs import NavigationEnv, Objective
 from morlnav.modules import UniformActions, round_products
+from morlnav.navigation.envs import NavigationEnv, Objective
 from morlnav.objectives import Guidance, MORLTD3Loss
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
@@ -40,7 +40,7 @@ def build(node: DictConfig, **objects: Any) -> Any:
     """Call a config's ``_target_`` with live objects, which OmegaConf cannot hold.
 
     Examples:
-        >>> world = build(OmegaConf.create({"_target_": "morlnav.world.TensorWorld", "goal_radius": 0.5}), device="cpu")
+        >>> world = build(OmegaConf.create({"_target_": "morlnav.navigation.world.TensorWorld", "goal_radius": 0.5}), device="cpu")
         >>> world.goal_radius
         0.5
     """

@@ -21,10 +21,13 @@ from torch import nn
 from torchrl.record.loggers import Logger
 
 from morlnav.cli import stage
-from morlnav.data import SnippetPairs, load_demonstrations, roll_out_ranked, save_demonstrations
-from morlnav.envs import NavigationEnv, default_objectives
-from morlnav.evaluation import Thresholds, evaluate_policy, frechet_distance
+from morlnav.data import SnippetPairs, roll_out_ranked
 from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, load_weights, read_facts, save_reward
+from morlnav.navigation.audit import Thresholds
+from morlnav.navigation.demonstrations import load_demonstrations, save_demonstrations
+from morlnav.navigation.envs import NavigationEnv, default_objectives
+from morlnav.navigation.evaluation import evaluate_policy, frechet_distance
+from morlnav.navigation.world import Scene
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.auditing import audit_run
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
@@ -37,7 +40,6 @@ from morlnav.trainers.styles import (
     style_of,
 )
 from morlnav.trainers.supervised import fit
-from morlnav.world import Scene
 
 WORLD = ("world", "env.scenes", "env.max_steps", "env.observe_human")
 STAGES = (*WORLD, "demonstrations", "networks.features", "clone", "ranking")

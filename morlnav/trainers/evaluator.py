@@ -9,19 +9,13 @@ import torch
 from torch import Tensor, nn
 from torchrl.trainers.trainers import Trainer
 
-from morlnav.envs import NavigationEnv
-from morlnav.evaluation import (
-    Rollouts,
-    episode_metrics,
-    evaluate_policy,
-    expected_utility,
-    shortest_path,
-    summarise,
-)
-from morlnav.evaluation.statistics import RATES, metric_columns, tuneable_objectives
+from morlnav.evaluation import expected_utility
+from morlnav.navigation.envs import NavigationEnv
+from morlnav.navigation.evaluation import Rollouts, episode_metrics, evaluate_policy, shortest_path, summarise
+from morlnav.navigation.evaluation.statistics import RATES, metric_columns, tuneable_objectives
+from morlnav.navigation.world import Scene
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.hooks import PeriodicHook
-from morlnav.world import Scene
 
 
 class EvaluatePolicy(PeriodicHook):

@@ -24,9 +24,10 @@ from torchrl.objectives import SoftUpdate
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer
 
-from morlnav.data import rewarded_transitions, simplex_grid
-from morlnav.evaluation import evaluation_scenes
+from morlnav.data import simplex_grid
 from morlnav.modules import PartlyGreedyNoise
+from morlnav.navigation.demonstrations import rewarded_transitions
+from morlnav.navigation.evaluation import evaluation_scenes
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.builders import (
     build,

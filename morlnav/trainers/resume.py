@@ -41,7 +41,7 @@ class RolloutState:
     TorchRL's collector starts new episodes after loading, because environments cannot be saved in general; ours can.
 
     Args:
-        collector: a single-process collector of a :class:`~morlnav.envs.NavigationEnv`.
+        collector: a single-process collector of a :class:`~morlnav.navigation.envs.NavigationEnv`.
     """
 
     def __init__(self, collector: Collector) -> None:

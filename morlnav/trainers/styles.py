@@ -9,12 +9,12 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 
-from morlnav.data import demonstrations_digest
-from morlnav.envs import default_objectives
-from morlnav.evaluation import reference_paths
 from morlnav.modules import load_weights
+from morlnav.navigation.demonstrations import demonstrations_digest
+from morlnav.navigation.envs import default_objectives
+from morlnav.navigation.evaluation import reference_paths
+from morlnav.navigation.world import Scene, World, without_human
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
-from morlnav.world import Scene, World, without_human
 
 # In a config, so that stages come from the cache only as long as the recording is the same.
 OmegaConf.register_new_resolver("demonstrations_digest", demonstrations_digest, replace=True)
@@ -22,7 +22,7 @@ OmegaConf.register_new_resolver("demonstrations_digest", demonstrations_digest, 
 OmegaConf.register_new_resolver("or", lambda value, other: other if value is None else value, replace=True)
 
 CLONE_FILE = "clone.pt"
-DEMONSTRATED = "morlnav.envs.DemonstrationObjective"
+DEMONSTRATED = "morlnav.navigation.envs.DemonstrationObjective"
 
 
 def demonstrated_objectives(cfg: DictConfig) -> list[str]:

@@ -38,7 +38,7 @@ class DemonstrationReward(Transform):
 
     Examples:
         >>> from torchrl.envs import TransformedEnv
-        >>> from morlnav.envs import NavigationEnv
+        >>> from morlnav.navigation.envs import NavigationEnv
         >>> from morlnav.modules import RewardModel
         >>> env = TransformedEnv(NavigationEnv(num_envs=3), DemonstrationReward(RewardModel(depth=1)))
         >>> env.rollout(2)["next", "reward"].shape  # baseline, demo, distance, efficiency

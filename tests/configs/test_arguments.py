@@ -11,9 +11,10 @@ from torch import nn
 from torchrl.trainers import OptimizationStepper, TrainerHookBase
 
 import morlnav.configs
-from morlnav import data, envs, modules, objectives, trainers, transforms, world
+from morlnav import data, modules, objectives, trainers, transforms
 from morlnav.cli import conf_dir
 from morlnav.configs import CONFIGS
+from morlnav.navigation import envs, world
 
 TARGETS = {key: OmegaConf.structured(config)._target_ for key, config in CONFIGS.items()}
 OURS = {key: inspect.unwrap(get_object(target)) for key, target in TARGETS.items() if target.startswith("morlnav.")}

@@ -3,8 +3,9 @@ import torch
 from tensordict import TensorDict
 
 from morlnav.data import SnippetPairs, roll_out_ranked
-from morlnav.envs import NavigationEnv
-from morlnav.modules import CircumnavigationOracle, EpsilonGreedyNoise
+from morlnav.modules import EpsilonGreedyNoise
+from morlnav.navigation.envs import NavigationEnv
+from morlnav.navigation.modules import CircumnavigationOracle
 
 
 def rollouts(lengths: list[list[int]], horizon: int = 40) -> TensorDict:

@@ -11,9 +11,10 @@ from torchrl.data import Bounded
 from torchrl.envs import Compose, InitTracker, StepCounter, TransformedEnv, set_exploration_type
 from torchrl.envs.utils import ExplorationType
 
-from morlnav.envs import NavigationEnv
-from morlnav.evaluation import evaluate_policy, evaluation_scenes
-from morlnav.modules import Actor, EpsilonGreedyNoise, PartlyGreedyNoise, UniformActions, WanderingNoise
+from morlnav.modules import Actor, EpsilonGreedyNoise, PartlyGreedyNoise, UniformActions
+from morlnav.navigation.envs import NavigationEnv
+from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes
+from morlnav.navigation.modules import WanderingNoise
 
 LOW, HIGH = [0.0, -3.14], [0.5, 3.14]
 

@@ -6,15 +6,8 @@ import pytest
 import torch
 from torch import nn
 
-from morlnav.modules import (
-    NavigationFeatures,
-    NormalisedReward,
-    RewardEnsemble,
-    RewardModel,
-    load_reward,
-    read_facts,
-    save_reward,
-)
+from morlnav.modules import NormalisedReward, RewardEnsemble, RewardModel, load_reward, read_facts, save_reward
+from morlnav.navigation.modules import NavigationFeatures
 
 SMALL = {"depth": 1, "num_cells": 8}
 

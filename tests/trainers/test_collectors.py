@@ -7,7 +7,7 @@ import pytest
 import torch
 from support import ANALYTICAL, SMALL, configure, trainer_for
 
-from morlnav.train import run
+from morlnav.commands.train import run
 from morlnav.trainers.experiment import _make_workers_env
 from morlnav.trainers.workers import watched
 

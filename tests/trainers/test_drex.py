@@ -5,9 +5,9 @@ import torch
 from support import BRIEF, configure, trainer_for
 
 from morlnav import load
-from morlnav.evaluate import main as evaluate_main
+from morlnav.commands.evaluate import main as evaluate_main
+from morlnav.commands.train import run
 from morlnav.modules import load_reward, read_facts
-from morlnav.train import run
 from morlnav.trainers.drex import make_demonstrations
 
 SMALL = [*BRIEF, "objectives=[baseline,demo,distance,efficiency]"]

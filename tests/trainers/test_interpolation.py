@@ -6,8 +6,8 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs import Compose, StepCounter, TransformedEnv
 
 from morlnav.data import UniformPreferences
-from morlnav.envs import NavigationEnv
 from morlnav.modules import Actor, PreferenceInterpolator, VectorCritic
+from morlnav.navigation.envs import NavigationEnv
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers import FitInterpolator
 from morlnav.transforms import DrawPreference

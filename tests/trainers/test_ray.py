@@ -11,7 +11,7 @@ import torch
 from omegaconf import OmegaConf
 from support import configure, trainer_for
 
-from morlnav.train import run
+from morlnav.commands.train import run
 
 ray = pytest.importorskip("ray")
 QUIET = ("trainer.exploration.sigma_init=0", "trainer.exploration.sigma_end=0", "trainer.random_frames=0")

@@ -9,12 +9,14 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 from support import BRIEF, configure, trainer_for
 
-from morlnav import audit as audit_command
 from morlnav import load
-from morlnav.data import load_demonstrations, record_demonstrations, save_demonstrations
-from morlnav.modules import CircumnavigationOracle, PassingOracle, read_facts
-from morlnav.policy import check_targets, load_config
-from morlnav.train import run
+from morlnav.commands import audit as audit_command
+from morlnav.commands.train import run
+from morlnav.deployment.policy import check_targets, load_config
+from morlnav.modules import read_facts
+from morlnav.navigation.demonstrations import load_demonstrations, record_demonstrations, save_demonstrations
+from morlnav.navigation.modules import CircumnavigationOracle, PassingOracle
+from morlnav.navigation.world import SceneSampler, TensorWorld
 from morlnav.trainers.drex import judge_clone, learn_demonstration_rewards, make_demonstrations, stage_directory
 from morlnav.trainers.styles import (
     demonstrated_objectives,
@@ -23,7 +25,6 @@ from morlnav.trainers.styles import (
     make_demonstrator,
     style_config,
 )
-from morlnav.world import SceneSampler, TensorWorld
 
 NAMES = ["baseline", "demo", "wide_left", "recorded", "distance", "efficiency"]
 

@@ -18,12 +18,12 @@ from omegaconf import OmegaConf
 from support import ANALYTICAL, SMALL, configure, trainer_for
 from torchrl.checkpoint import CheckpointRotation
 
-import morlnav.train
+import morlnav.commands.train
 from morlnav.cli import conf_dir
-from morlnav.evaluate import evaluate_run
-from morlnav.train import run
+from morlnav.commands.evaluate import evaluate_run
+from morlnav.commands.train import run
+from morlnav.navigation.world import DifferentialDrive, Scene
 from morlnav.trainers.resume import load_checkpoint
-from morlnav.world import DifferentialDrive, Scene
 
 BRIEF = ("trainer.total_frames=32", "trainer.random_frames=16", "evaluation.during.interval=16")
 
@@ -178,7 +178,7 @@ def test_ctrl_c_says_how_to_go_on_and_going_on_loses_nothing(smoke_run, tmp_path
         )
         return trainer
 
-    monkeypatch.setattr(morlnav.train, "make_trainer", interrupted_trainer)
+    monkeypatch.setattr(morlnav.commands.train, "make_trainer", interrupted_trainer)
     assert run(configure(), tmp_path) is None
     assert "Stopped after 208 frames" in (text := capsys.readouterr().out)
     assert f"morlnav-train resume={tmp_path}" in text
@@ -195,7 +195,14 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_
     mine = tmp_path / "my_conf" / "preferences" / "mine.yaml"
     mine.parent.mkdir(parents=True)
     shutil.copy(Path(conf_dir()) / "preferences" / "corners.yaml", mine)
-    words = [sys.executable, "-m", "morlnav.train", "--config-dir", str(tmp_path / "my_conf"), "preferences=mine"]
+    words = [
+        sys.executable,
+        "-m",
+        "morlnav.commands.train",
+        "--config-dir",
+        str(tmp_path / "my_conf"),
+        "preferences=mine",
+    ]
     words += [*SMALL, ANALYTICAL, f"hydra.run.dir='{directory}'"]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -274,7 +281,7 @@ def test_resuming_from_a_place_without_checkpoints_says_so(path, tmp_path):
         ["loss.scalarisation.tie_break=0.01"],
         ["replay.relabel.share=0"],
         ["env.scenes.num_boxes=0"],
-        ["objectives=[baseline]", "+objectives.calm={_target_: morlnav.envs.Efficiency}"],
+        ["objectives=[baseline]", "+objectives.calm={_target_: morlnav.navigation.envs.Efficiency}"],
         ["objectives=[distance,efficiency]"],
         ["recipe=analytical"],
         ["recipe=paper", "trainer.total_frames=12", "trainer.random_frames=6", "replay.capacity=1000"],
@@ -431,7 +438,7 @@ def test_stored_rewards_are_raw_and_the_learners_are_scaled(tmp_path):
     ],
 )
 def test_a_wrong_value_ends_in_one_sentence(override, sentence, tmp_path):
-    with pytest.raises(SystemExit, match=sentence) as error, morlnav.train.one_sentence_errors():
+    with pytest.raises(SystemExit, match=sentence) as error, morlnav.commands.train.one_sentence_errors():
         run(configure(override), tmp_path)
     assert "\n" not in str(error.value)
 

@@ -10,8 +10,8 @@ from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import Compose, RewardSum, SerialEnv, StepCounter, TransformedEnv, check_env_specs
 
-from morlnav.envs import DemonstrationObjective, Efficiency, NavigationEnv, default_objectives
 from morlnav.modules import RewardModel, save_reward
+from morlnav.navigation.envs import DemonstrationObjective, Efficiency, NavigationEnv, default_objectives
 from morlnav.transforms import DemonstrationReward
 
 
@@ -118,7 +118,9 @@ def test_the_objective_can_hide_the_human():
 def test_the_objective_is_built_from_a_config(tmp_path):
     save_reward(RewardModel(("observation",), depth=1, num_cells=8), tmp_path / "reward.pt")
     reward = {"_target_": "morlnav.modules.load_reward", "path": str(tmp_path / "reward.pt")}
-    config = OmegaConf.create({"_target_": "morlnav.envs.DemonstrationObjective", "reward": reward, "offset": 1.0})
+    config = OmegaConf.create(
+        {"_target_": "morlnav.navigation.envs.DemonstrationObjective", "reward": reward, "offset": 1.0}
+    )
     env = NavigationEnv(objectives={"demo": instantiate(config, _convert_="all"), "efficiency": Efficiency()})
     assert 10 <= env.rollout(1)["next", "reward"][0, 0] <= 20
 

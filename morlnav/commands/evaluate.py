@@ -1,0 +1,162 @@
+"""``morlnav-evaluate RUN_DIR``: measure a trained policy over all preferences on scenes it never saw."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+from torch import Tensor
+
+from morlnav.cli import one_sentence_errors, quiet, set_threads
+from morlnav.data import preference_edges
+from morlnav.deployment.context import ContextPolicy, load_contexts
+from morlnav.deployment.policy import Policy, load, load_config
+from morlnav.navigation.envs import NavigationEnv
+from morlnav.navigation.evaluation import (
+    Rollouts,
+    default_reference,
+    episode_metrics,
+    evaluate_policy,
+    evaluation_scenes,
+    markdown_table,
+    summarise,
+    write_report,
+)
+from morlnav.trainers.builders import make_base_env
+from morlnav.trainers.styles import demonstrated_paths
+
+
+def evaluate_run(directory: Path, output: Path | None = None, trust: bool = False, **changes: int) -> str:
+    """Evaluate the policy in a run directory and write tables and figures to ``output``.
+
+    Args:
+        directory: a run directory.
+        output: where results go; ``directory/evaluation`` by default.
+        trust: build classes from outside the package that the run's config names.
+        changes: replace values of the config's ``evaluation`` group, such as ``episodes=20``.
+
+    Returns:
+        The readable table.
+    """
+    policy, cfg, env = _load(directory, trust, changes)
+    rollouts = _drive(policy, cfg, env, preference_edges(len(env.objectives), cfg.evaluation.steps))
+    return write_report(
+        rollouts,
+        output or directory / "evaluation",
+        rewards=tuple(env.rewards),
+        world=env.world,
+        references=demonstrated_paths(cfg, rollouts.scene[0], env.world, directory),
+        reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
+    )
+
+
+def evaluate_route(
+    directory: Path,
+    contexts: Path,
+    route: Mapping[float, str],
+    output: Path | None = None,
+    trust: bool = False,
+    time_constant: float = 1.0,
+    **changes: int,
+) -> str:
+    """Evaluate the policy in the style of every room, and on a route where the style changes in mid-episode.
+
+    Args:
+        directory: a run directory.
+        contexts: file for :func:`~morlnav.deployment.context.load_contexts`.
+        route: room by the second in which it is entered, the first at 0.
+        output: where ``rooms.csv`` goes; ``directory/evaluation`` by default.
+        trust: build classes from outside the package that the run's config names.
+        time_constant: of the change in seconds.
+        changes: as for :func:`evaluate_run`.
+
+    Returns:
+        A Markdown table: one row per room, one for the route.
+    """
+    policy, cfg, env = _load(directory, trust, changes)
+    rooms = load_contexts(contexts, policy.objectives)
+    robot = ContextPolicy(policy, rooms, time_constant=time_constant, step_time=env.world.step_time)
+    routes = [*({0.0: room} for room in rooms), route]
+    rollouts = _drive(policy, cfg, env, torch.stack([robot.schedule(leg, cfg.env.max_steps) for leg in routes]))
+    references = demonstrated_paths(cfg, rollouts.scene[0], env.world, directory)
+    summary = summarise(episode_metrics(rollouts, tuple(env.rewards), world=env.world, references=references))
+    label = ", ".join(f"{room} from {time:g} s" for time, room in sorted(route.items()))
+    summary.insert(0, "room", [*rooms, label])
+    output = output or directory / "evaluation"
+    output.mkdir(parents=True, exist_ok=True)
+    summary.to_csv(output / "rooms.csv", index=False)
+    return markdown_table(summary, ["room"])
+
+
+def _load(directory: Path, trust: bool, changes: Mapping[str, int]) -> tuple[Policy, DictConfig, NavigationEnv]:
+    policy = load(directory, trust=trust)
+    cfg = load_config(directory)
+    cfg.evaluation = OmegaConf.merge(cfg.evaluation, changes)
+    return policy, cfg, make_base_env(cfg, num_envs=1)
+
+
+def _drive(policy: Policy, cfg: DictConfig, env: NavigationEnv, preferences: Tensor) -> Rollouts:
+    return evaluate_policy(
+        policy,
+        evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes),
+        preferences,
+        world=env.world,
+        objectives=env.rewards,
+        observe_human=env.observe_human,
+        max_steps=cfg.env.max_steps,
+    )
+
+
+def parse_stop(word: str) -> tuple[float, str]:
+    """The second and the room of a stop on a route.
+
+    >>> parse_stop("6:kitchen")
+    (6.0, 'kitchen')
+    """
+    second, _, room = word.partition(":")
+    try:
+        stop = float(second), room
+    except ValueError:
+        stop = None
+    if stop is None or not room:
+        raise argparse.ArgumentTypeError(f"{word} is no SECOND:ROOM, such as 6:kitchen.")
+    return stop
+
+
+def main() -> None:
+    """Entry point."""
+    quiet()
+    parser = argparse.ArgumentParser(prog="morlnav-evaluate", description=__doc__.split(": ", 1)[1])
+    parser.add_argument("run", type=Path, metavar="RUN_DIR", help="a run directory of morlnav-train")
+    parser.add_argument("--episodes", type=int, help="scenes per preference (default: the run's config)")
+    parser.add_argument("--steps", type=int, help="steps of every pairwise interpolation of preferences")
+    parser.add_argument("--seed", type=int, help="seed of the evaluation scenes")
+    parser.add_argument("--output", type=Path, help="where results go (default: RUN_DIR/evaluation)")
+    parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
+    parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
+    parser.add_argument("--contexts", type=Path, metavar="FILE", help="YAML file of preferences by room")
+    parser.add_argument(
+        "--route",
+        nargs="+",
+        type=parse_stop,
+        metavar="SECOND:ROOM",
+        help="with --contexts: the rooms on the way, as 0:hall",
+    )
+    args = parser.parse_args()
+    if (args.contexts is None) != (args.route is None):
+        parser.error("--contexts and --route go together")
+    changes = {name: getattr(args, name) for name in ("episodes", "steps", "seed") if getattr(args, name) is not None}
+    with one_sentence_errors():
+        set_threads(args.threads)
+        if args.contexts is not None:
+            print(evaluate_route(args.run, args.contexts, dict(args.route), args.output, args.trust, **changes))
+        else:
+            print(evaluate_run(args.run, args.output, args.trust, **changes))
+        print(f"Tables and figures are in {args.output or args.run / 'evaluation'}")
+
+
+if __name__ == "__main__":
+    main()

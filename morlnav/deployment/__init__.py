@@ -1,0 +1,1 @@
+"""Trained policies on a robot: loading, preferences by context, export."""

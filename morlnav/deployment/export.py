@@ -1,0 +1,101 @@
+"""``morlnav-export RUN_DIR``: a trained policy as ONNX and ``torch.export`` files, its preference still adjustable."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import torch
+from torch.export import Dim, ExportedProgram
+
+from morlnav.cli import one_sentence_errors, quiet
+from morlnav.deployment.policy import Policy, load
+
+INPUTS = ("observation", "preference")
+OUTPUT = "action"
+FORMATS = ("onnx", "pt2")
+
+
+def export_program(policy: Policy) -> ExportedProgram:
+    """The policy as a ``torch.export`` program for batches of any size.
+
+    Args:
+        policy: as :func:`morlnav.load` gives it.
+
+    Returns:
+        A program from ``observation`` ``[B, D]`` (m, rad) and ``preference`` ``[B, n]`` to ``action`` ``[B, 2]`` (m/s,
+        rad/s).
+
+    Examples:
+        >>> program = export_program(morlnav.load("results/default"))  # doctest: +SKIP
+        >>> program.module()(torch.zeros(1, 34), torch.tensor([[0.2, 0.3, 0.5]])).shape  # doctest: +SKIP
+        torch.Size([1, 2])
+    """
+    example = torch.zeros(2, policy.actor.features.in_features), torch.zeros(2, len(policy.objectives))
+    batch = Dim("batch", min=1)
+    return torch.export.export(policy.actor, example, dynamic_shapes=({0: batch}, {0: batch}))
+
+
+def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...] = FORMATS) -> dict[str, Path]:
+    """Write the policy for use without this package.
+
+    Both files map ``observation`` ``[B, D]`` and ``preference`` ``[B, n]`` to ``action`` ``[B, 2]``. The names of the
+    preference's entries are the ONNX file's metadata ``objectives``, a JSON list, and the extra file ``objectives`` of
+    the ``torch.export`` archive.
+
+    Args:
+        policy: as :func:`morlnav.load` gives it.
+        directory: where ``policy.onnx`` and ``policy.pt2`` go; made if it does not exist.
+        formats: which of ``"onnx"`` and ``"pt2"``.
+
+    Returns:
+        The files by format.
+
+    Raises:
+        ValueError: for an unknown format, or if ONNX is asked for and its packages are missing.
+    """
+    unknown = set(formats) - set(FORMATS)
+    if unknown:
+        raise ValueError(f"There is no format {', '.join(sorted(unknown))}; choose from: {', '.join(FORMATS)}.")
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    program, objectives = export_program(policy), json.dumps(policy.objectives)
+    files = {form: directory / f"policy.{form}" for form in formats}
+    if "onnx" in files:
+        _write_onnx(program, files["onnx"], objectives)
+    if "pt2" in files:
+        torch.export.save(program, files["pt2"], extra_files={"objectives": objectives})
+    return files
+
+
+def _write_onnx(program: ExportedProgram, path: Path, objectives: str) -> None:
+    try:
+        import onnxscript  # noqa: F401  (what PyTorch's exporter needs)
+    except ImportError as error:
+        raise ValueError("ONNX needs more packages: pip install 'morlnav[export]', or choose --format pt2.") from error
+    exported = torch.onnx.export(
+        program, input_names=list(INPUTS), output_names=[OUTPUT], dynamo=True, external_data=False, verbose=False
+    )
+    exported.model.metadata_props["objectives"] = objectives
+    exported.save(path, external_data=False)
+
+
+def main() -> None:
+    """Entry point."""
+    quiet()
+    parser = argparse.ArgumentParser(prog="morlnav-export", description=__doc__.split(": ", 1)[1])
+    parser.add_argument("run", type=Path, metavar="RUN_DIR", help="a run directory of morlnav-train")
+    parser.add_argument("--output", type=Path, help="where the files go (default: RUN_DIR/export)")
+    parser.add_argument("--format", choices=FORMATS, action="append", help="only this one; may be repeated")
+    parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
+    args = parser.parse_args()
+    with one_sentence_errors():
+        policy = load(args.run, trust=args.trust)
+        files = export_policy(policy, args.output or args.run / "export", tuple(args.format or FORMATS))
+    print(f"{', '.join(map(str, files.values()))}: observation [B, {policy.actor.features.in_features}] and preference")
+    print(f"[B, {len(policy.objectives)}] ({', '.join(policy.objectives)}) to action [B, 2] in m/s and rad/s.")
+
+
+if __name__ == "__main__":
+    main()

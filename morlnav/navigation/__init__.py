@@ -1,0 +1,1 @@
+"""Social navigation, the domain that proves the library: world, environment, demonstrators, audit and metrics."""

@@ -1,0 +1,28 @@
+"""Demonstrations: recorded from a policy, driven by hand, or imported."""
+
+from morlnav.navigation.demonstrations.folder import (
+    demonstration_settings,
+    demonstrations_digest,
+    load_demonstrations,
+    save_demonstrations,
+)
+from morlnav.navigation.demonstrations.record import Disturbance, record_demonstrations, rewarded_transitions
+from morlnav.navigation.demonstrations.replay import recorded_demonstrations, replay_demonstrations
+from morlnav.navigation.demonstrations.trajectories import export_demonstrations, import_demonstrations
+from morlnav.navigation.demonstrations.trajectory_file import Trajectories, read_trajectories
+
+__all__ = [
+    "Disturbance",
+    "Trajectories",
+    "demonstration_settings",
+    "demonstrations_digest",
+    "export_demonstrations",
+    "import_demonstrations",
+    "load_demonstrations",
+    "read_trajectories",
+    "record_demonstrations",
+    "recorded_demonstrations",
+    "replay_demonstrations",
+    "rewarded_transitions",
+    "save_demonstrations",
+]

@@ -1,0 +1,192 @@
+"""Social navigation as a batched TorchRL environment with a vector reward."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+from torchrl.data import Binary, Bounded, Composite, Unbounded
+from torchrl.envs import EnvBase
+
+from morlnav.navigation.envs.rewards import Objective, Transition, default_objectives, reward_bounds
+from morlnav.navigation.world import Scene, SceneSampler, TensorWorld, World, without_human
+
+
+class NavigationEnv(EnvBase):
+    """A differential-drive robot passes a standing human toward a goal (Sec. III).
+
+    Entries of the tensordict, all batched ``[*num_envs]`` and in raw units:
+
+    ============================  =========  ==========================================================
+    ``observation``               ``[34]``   goal distance (m) and bearing (rad), human distance and
+                                             bearing, 30 lidar sectors (m); ``[32]`` without the human
+    ``action``                    ``[2]``    linear velocity v (m/s), angular velocity ω (rad/s)
+    ``reward``                    ``[m]``    one entry per objective, unscaled; static objectives first
+    ``pose``                      ``[3]``    x, y (m) and heading (rad) in the world frame
+    ``outcome.goal|human|box``    ``[1]``    whether the step ended at the goal or in contact
+    ``terminated``, ``done``      ``[1]``    goal or contact; time limits are ``StepCounter``'s business
+    ============================  =========  ==========================================================
+
+    Args:
+        world: the engine that moves robots; :class:`~morlnav.navigation.world.TensorWorld` by default.
+        scenes: called as ``scenes(n, device="cpu", generator=...)`` for as many new scenes as episodes have ended.
+        objectives: reward terms by name, in order; those with ``static = True`` must come first.
+        num_envs: environments side by side; ``None`` for one without a batch dimension.
+        observe_human: whether the human's position is part of the observation (``-NH`` ablation).
+        seed: seeds the scenes.
+
+    Raises:
+        ValueError: for an empty or wrongly ordered objective list, or ``num_envs < 1``.
+
+    Examples:
+        >>> env = NavigationEnv(num_envs=4, seed=0)
+        >>> rollout = env.rollout(3)
+        >>> rollout["next", "reward"].shape
+        torch.Size([4, 3, 3])
+        >>> env.objectives
+        ('distance', 'efficiency')
+    """
+
+    batch_locked = True
+
+    def __init__(
+        self,
+        world: World | None = None,
+        scenes: Callable[..., Scene] | None = None,
+        objectives: Mapping[str, Objective] | None = None,
+        num_envs: int | None = None,
+        observe_human: bool = True,
+        seed: int | None = None,
+    ) -> None:
+        if num_envs is not None and num_envs < 1:
+            raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
+        self.world = world or TensorWorld()
+        super().__init__(device=self.world.device, batch_size=[] if num_envs is None else [num_envs])
+        self.scenes = scenes or SceneSampler()
+        self.rewards = dict(objectives) if objectives is not None else default_objectives()
+        if not self.rewards:
+            raise ValueError("The environment needs at least one objective.")
+        static = [getattr(term, "static", False) for term in self.rewards.values()]
+        if static != sorted(static, reverse=True):
+            raise ValueError(f"Static objectives must come before tuneable ones, got the order {list(self.rewards)}.")
+        self.num_static = sum(static)
+        self.observe_human = observe_human
+        self._count = num_envs or 1
+        self._observation: Tensor | None = None
+        self._make_spec()
+        self.set_seed(seed if seed is not None else int(torch.empty((), dtype=torch.int64).random_().item()))
+
+    @property
+    def objectives(self) -> tuple[str, ...]:
+        """Names of the tuneable objectives, in the order of the preference's entries."""
+        return tuple(self.rewards)[self.num_static :]
+
+    @property
+    def reward_bounds(self) -> Tensor:
+        """Least and largest reward of a step ``[2, m]``; infinite for objectives that do not tell."""
+        reach = self.world.robot.max_speed * self.world.step_time
+        return torch.tensor([reward_bounds(objective, reach) for objective in self.rewards.values()]).T
+
+    def _make_spec(self) -> None:
+        shape = self.batch_size
+        lidar = self.world.lidar
+
+        def bounded(low: Tensor, high: Tensor) -> Bounded:
+            return Bounded(low.expand(*shape, -1), high.expand(*shape, -1), device=self.device, dtype=torch.float32)
+
+        low = torch.tensor([0.0, -torch.pi] * (1 + self.observe_human) + [0.0] * lidar.sectors)
+        high = torch.tensor([torch.inf, torch.pi] * (1 + self.observe_human) + [lidar.max_range] * lidar.sectors)
+        outcome = {name: Binary(n=1, shape=(*shape, 1), dtype=torch.bool) for name in ("goal", "human", "box")}
+        self.observation_spec = Composite(
+            observation=bounded(low, high),
+            pose=Unbounded(shape=(*shape, 3)),
+            outcome=Composite(outcome, shape=shape),
+            shape=shape,
+            device=self.device,
+        )
+        self.action_spec = bounded(self.world.robot.action_low, self.world.robot.action_high)
+        self.reward_spec = Unbounded(shape=(*shape, len(self.rewards)), device=self.device)
+
+    def _observe(self) -> Tensor:
+        self._observation = self.world.observe()
+        return self._observation
+
+    def _outputs(self, goal: Tensor, human: Tensor, box: Tensor) -> TensorDict:
+        observation = self._observe()
+        if not self.observe_human:
+            observation = without_human(observation)
+        done = (goal | human | box).unsqueeze(-1)
+        out = TensorDict(
+            {
+                "observation": observation,
+                "pose": self.world.pose.clone(),
+                "outcome": {"goal": goal.unsqueeze(-1), "human": human.unsqueeze(-1), "box": box.unsqueeze(-1)},
+                "done": done,
+                "terminated": done.clone(),
+            },
+            batch_size=[self._count],
+            device=self.device,
+        )
+        return out
+
+    def _reset(self, tensordict: TensorDictBase | None = None, *, scene: Scene | None = None, **_: Any) -> TensorDict:
+        """Begin new episodes; ``env.reset(scene=my_scenes)`` starts in given scenes, which are checked first."""
+        mask = tensordict.get("_reset", None) if tensordict is not None else None
+        mask = mask.reshape(self._count) if mask is not None and self.world.scene is not None else None
+        if scene is None:
+            scene = self._draw(mask)
+        else:
+            scene = scene if scene.batch_size else scene.unsqueeze(0)
+            if scene.batch_size != (self._count,):
+                raise ValueError(f"Got {scene.batch_size[0]} scenes for {self._count} environments.")
+            scene.check(self.world.robot.radius, self.world.human_radius)
+        self.world.reset(scene, mask)
+        never = torch.zeros(self._count, dtype=torch.bool, device=self.device)
+        return self._outputs(never, never, never).reshape(self.batch_size)
+
+    def _draw(self, mask: Tensor | None) -> Scene:
+        """New scenes for all environments, of which those outside ``mask`` are repetitions that nobody will see.
+
+        They are drawn on the CPU, so one seed gives one sequence of scenes on any device. The count of ended episodes
+        has to be known there, the one thing in this environment that a GPU is waited for.
+        """
+        if mask is None:
+            return self.scenes(self._count, device="cpu", generator=self._generator)
+        place = mask.cpu().cumsum(0)
+        fresh = self.scenes(max(int(place[-1]), 1), device="cpu", generator=self._generator)
+        return fresh[(place - 1).clamp_min(0)]
+
+    @torch.no_grad()  # as for any simulator: rewards are no function of a policy's parameters
+    def _step(self, tensordict: TensorDictBase) -> TensorDict:
+        action = self.world.robot.limit(tensordict["action"].reshape(self._count, 2))
+        before, observation = self.world.pose, self._observation
+        contact = self.world.step(action)
+        out = self._outputs(contact.goal, contact.human, contact.box)
+        transition = Transition(
+            pose=before,
+            next_pose=self.world.pose,
+            action=action,
+            observation=observation,
+            next_observation=self._observation,
+            contact=contact,
+            scene=self.world.scene,
+        )
+        out["reward"] = torch.stack([term(transition) for term in self.rewards.values()], -1)
+        return out.reshape(self.batch_size)
+
+    def _set_seed(self, seed: int | None) -> None:
+        self._generator = torch.Generator()
+        self._generator.seed() if seed is None else self._generator.manual_seed(seed)
+
+    def get_state(self) -> dict[str, Any]:
+        """All that a bit-exact continuation needs: the world's state and the scene generator's."""
+        return {"world": self.world.state_dict(), "generator": self._generator.get_state()}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state that :meth:`get_state` returned."""
+        self.world.load_state_dict(state["world"])
+        self._generator.set_state(state["generator"])
+        self._observe()

@@ -1,0 +1,229 @@
+"""Reward terms: small objects, each turning a transition into one entry of the reward vector (Sec. III-D)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+from torch.linalg import vector_norm
+
+from morlnav.navigation.world import Contact, Scene
+
+
+@dataclass(frozen=True)
+class Transition:
+    """What reward terms may look at; tensors lead with the batch dimension ``[B]``.
+
+    Attributes:
+        pose: robot poses before the step ``[B, 3]``.
+        next_pose: robot poses after the step ``[B, 3]``.
+        action: ``(v, ω)`` in m/s and rad/s ``[B, 2]``.
+        observation: before the step ``[B, 34]``.
+        next_observation: after the step ``[B, 34]``.
+        contact: what was met during the step.
+        scene: the scenes driven in.
+
+    Examples:
+        >>> from morlnav.navigation.envs.navigation import NavigationEnv
+        >>> timid = lambda transition: -1.0 * (transition.next_human_distance < 1.0)
+        >>> NavigationEnv(objectives={"timid": timid}, num_envs=2).rollout(3)["next", "reward"].shape
+        torch.Size([2, 3, 1])
+    """
+
+    pose: Tensor
+    next_pose: Tensor
+    action: Tensor
+    observation: Tensor
+    next_observation: Tensor
+    contact: Contact
+    scene: Scene
+
+    @property
+    def goal_distance(self) -> Tensor:
+        """Distance to the goal before the step in metres, ``[B]``."""
+        return vector_norm(self.pose[..., :2] - self.scene.goal, dim=-1)
+
+    @property
+    def next_goal_distance(self) -> Tensor:
+        """Distance to the goal after the step in metres, ``[B]``."""
+        return vector_norm(self.next_pose[..., :2] - self.scene.goal, dim=-1)
+
+    @property
+    def next_human_distance(self) -> Tensor:
+        """Distance to the human's centre after the step in metres, ``[B]``."""
+        return vector_norm(self.next_pose[..., :2] - self.scene.human, dim=-1)
+
+
+class Objective(Protocol):
+    """Anything callable on a :class:`Transition`; ``static = True`` fixes its preference weight at 1 (Eq. 2).
+
+    A method ``bounds(reach)`` may give its least and largest reward in a step that leads ``reach`` metres far at most;
+    Gymnasium's ``reward_space`` is made of them, and the learner's targets stay within what they add up to.
+    """
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """The reward of every environment, ``[B]``."""
+
+
+@dataclass(frozen=True)
+class GoalProgress:
+    """``scale`` per metre of progress toward the goal, ``c_g·(d_{t-1} - d_t)`` (Sec. III-D.1, sign as intended).
+
+    Args:
+        scale: ``c_g``, reward per metre.
+
+    Examples:
+        >>> GoalProgress(scale=125.0).bounds(reach=0.1)
+        (-12.5, 12.5)
+    """
+
+    scale: float = 125.0
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        return self.scale * (transition.goal_distance - transition.next_goal_distance)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step."""
+        extent = abs(self.scale) * reach
+        return -extent, extent
+
+
+@dataclass(frozen=True)
+class Collision:
+    """``penalty`` on contact with the human or a box (Sec. III-D.1).
+
+    Args:
+        penalty: reward of the step that ends in contact.
+
+    Examples:
+        >>> Collision().penalty
+        -1000.0
+    """
+
+    penalty: float = -1000.0
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        return self.penalty * (transition.contact.human | transition.contact.box).to(transition.pose.dtype)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step."""
+        return min(self.penalty, 0.0), max(self.penalty, 0.0)
+
+
+@dataclass(frozen=True)
+class HumanDistance:
+    """Quadratic penalty for closeness to the human (Eq. 3): 0 beyond ``threshold`` m, ``penalty`` at ``minimum`` m.
+
+    Args:
+        penalty: ``p_max``, reward at ``minimum``.
+        threshold: ``d_thresh`` in metres.
+        minimum: ``d_min`` in metres.
+
+    Raises:
+        ValueError: unless ``0 <= minimum < threshold``.
+
+    Examples:
+        >>> HumanDistance().threshold
+        2.0
+    """
+
+    penalty: float = -10.0
+    threshold: float = 2.0
+    minimum: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.minimum < self.threshold:
+            raise ValueError(f"HumanDistance needs 0 <= minimum < threshold, got {self.minimum} and {self.threshold}.")
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        intrusion = (self.threshold - transition.next_human_distance).clamp_min(0)
+        return self.penalty * (intrusion / (self.threshold - self.minimum)).square()
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step."""
+        extreme = self.penalty * (self.threshold / (self.threshold - self.minimum)) ** 2
+        return min(extreme, 0.0), max(extreme, 0.0)
+
+
+@dataclass(frozen=True)
+class Efficiency:
+    """A constant ``penalty`` per step (Sec. III-D.2).
+
+    Args:
+        penalty: reward of every step.
+
+    Examples:
+        >>> Efficiency().penalty
+        -10.0
+    """
+
+    penalty: float = -10.0
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        return torch.full_like(transition.pose[..., 0], self.penalty)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """The reward of every step, twice."""
+        return self.penalty, self.penalty
+
+
+class Sum:
+    """Several terms that share one entry of the reward vector.
+
+    Args:
+        terms: the terms to add.
+        static: whether the entry's preference weight is fixed at 1, as the baseline's is (Eq. 2).
+
+    Raises:
+        ValueError: if there is no term.
+
+    Examples:
+        >>> baseline = Sum([GoalProgress(), Collision()], static=True)
+        >>> baseline.static
+        True
+    """
+
+    def __init__(self, terms: Sequence[Objective], static: bool = False) -> None:
+        if not terms:
+            raise ValueError("Sum needs at least one reward term.")
+        self.terms = list(terms)
+        self.static = static
+
+    def __call__(self, transition: Transition) -> Tensor:
+        """Reward ``[B]``."""
+        return sum(term(transition) for term in self.terms)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        """Least and largest reward of a step; infinite where a term does not tell."""
+        lows, highs = zip(*(reward_bounds(term, reach) for term in self.terms), strict=True)
+        return sum(lows), sum(highs)
+
+
+def reward_bounds(objective: Objective, reach: float) -> tuple[float, float]:
+    """Least and largest reward in a step of at most ``reach`` metres; infinite for an objective without ``bounds``.
+
+    >>> reward_bounds(GoalProgress(scale=100.0), 0.1), reward_bounds(lambda transition: 0, 0.1)
+    ((-10.0, 10.0), (-inf, inf))
+    """
+    return objective.bounds(reach) if hasattr(objective, "bounds") else (-math.inf, math.inf)
+
+
+def default_objectives() -> dict[str, Objective]:
+    """The paper's analytical objectives: the static baseline, then human distance and efficiency.
+
+    >>> list(default_objectives())
+    ['baseline', 'distance', 'efficiency']
+    """
+    return {
+        "baseline": Sum([GoalProgress(), Collision()], static=True),
+        "distance": HumanDistance(),
+        "efficiency": Efficiency(),
+    }

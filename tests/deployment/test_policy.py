@@ -1,0 +1,171 @@
+"""A trained policy loads as a plain module, from weights alone, and from nobody's classes but our own."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+from support import configure, trainer_for
+from torchrl.checkpoint import CheckpointRotation
+
+import morlnav
+from morlnav.deployment.policy import Policy
+
+
+@pytest.fixture
+def copied_run(smoke_run, tmp_path):
+    for name in ("config.yaml", "policy.pt"):
+        shutil.copy(smoke_run / name, tmp_path)
+    return tmp_path
+
+
+def change_config(directory, key, value):
+    cfg = OmegaConf.load(directory / "config.yaml")
+    OmegaConf.update(cfg, key, value)
+    OmegaConf.save(cfg, directory / "config.yaml")
+
+
+def observations(*batch):
+    return 10 * torch.rand(*batch, 34)
+
+
+def test_a_policy_is_a_plain_module_in_evaluation_mode(smoke_run):
+    policy = morlnav.load(smoke_run)
+    assert isinstance(policy, torch.nn.Module)
+    assert not policy.training
+    assert not any(parameter.requires_grad for parameter in policy.parameters())
+    assert policy.objectives == ("distance", "efficiency")
+
+
+def test_config_and_weights_are_all_that_driving_needs(tmp_path):
+    for name in ("config.yaml", "policy.pt"):
+        shutil.copy(Path(__file__).parents[1] / "results/default" / name, tmp_path)
+    policy = morlnav.load(tmp_path)
+    assert policy.objectives == ("demo", "distance", "efficiency")
+    assert policy(observations(2), torch.eye(3)[:2]).shape == (2, 2)
+
+
+@pytest.mark.parametrize("batch", [(), (1,), (7,), (3, 5)], ids=str)
+def test_actions_keep_the_batch_and_the_bounds(smoke_run, batch):
+    action = morlnav.load(smoke_run)(observations(*batch), torch.rand(*batch, 2))
+    assert action.shape == (*batch, 2)
+    assert ((action >= torch.tensor([0, -torch.pi])) & (action <= torch.tensor([0.5, torch.pi]))).all()
+
+
+def test_one_preference_serves_many_observations(smoke_run):
+    policy, observation, preference = morlnav.load(smoke_run), observations(6), torch.tensor([0.25, 0.75])
+    torch.testing.assert_close(policy(observation, preference), policy(observation, preference.expand(6, 2)))
+
+
+def test_the_preference_matters_to_the_action(smoke_run):
+    policy, observation = morlnav.load(smoke_run), observations(6)
+    one, other = torch.eye(2)
+    assert (policy(observation, one) != policy(observation, other)).any()
+
+
+def test_it_is_the_averaged_actor_not_the_last_one(smoke_run, tmp_path):
+    trainer = trainer_for(configure(), tmp_path)
+    trainer.load_from_file(CheckpointRotation(smoke_run / "checkpoints", keep_last=1).latest())
+    average = trainer.checkpoint.components["average"].module
+    loaded = morlnav.load(smoke_run).actor.state_dict()
+    assert loaded.keys() == average.state_dict().keys()
+    for name, value in average.state_dict().items():
+        assert torch.equal(loaded[name], value), name
+    last = trainer.loss_module.actor_network_params
+    weights = last.flatten_keys(".").to_dict()
+    assert any(not torch.equal(loaded[name], weights[f"module.{name}"]) for name in loaded if "weight" in name)
+
+
+def test_the_file_holds_weights_and_nothing_else(smoke_run):
+    weights = torch.load(smoke_run / "policy.pt", weights_only=True)
+    assert all(isinstance(value, torch.Tensor) for value in weights.values())
+
+
+def test_a_wrong_preference_is_named(smoke_run):
+    with pytest.raises(ValueError, match=r"needs 2 entries \('distance', 'efficiency'\)"):
+        morlnav.load(smoke_run)(observations(3), torch.rand(3, 3))
+
+
+@pytest.mark.parametrize(
+    "key", ["networks.actor._target_", "objectives.distance._target_", "objectives.baseline.terms", "world._target_"]
+)
+def test_foreign_classes_are_refused_without_trust(copied_run, key):
+    value = [{"_target_": "os.system", "command": "exit"}] if key.endswith("terms") else "os.system"
+    change_config(copied_run, key, value)
+    with pytest.raises(ValueError, match=r"foreign class os\.system; if it is your own, load it with trust=True"):
+        morlnav.load(copied_run)
+
+
+@pytest.mark.parametrize(
+    "target",
+    [
+        "morlnav.commands.train.subprocess.run",
+        "morlnav.deployment.policy.Path",
+        "torch.optim.adam.torch.load",
+        "morlnav.load",
+        "morlnav.trainers.ray.RayCollector",
+        "morlnav.record.loggers.TensorboardCSVLogger",
+    ],
+)
+def test_a_path_through_our_own_modules_to_foreign_code_is_refused(copied_run, target):
+    change_config(copied_run, "networks.features._target_", target)
+    with pytest.raises(ValueError, match="foreign class"):
+        morlnav.load(copied_run)
+
+
+@pytest.mark.parametrize("name", ["demo", "wide_left"])
+def test_a_style_of_its_own_brings_no_foreign_class(copied_run, name):
+    reward = {"_target_": "morlnav.navigation.envs.DemonstrationObjective", "reward": {"path": "reward.pt"}}
+    change_config(copied_run, f"objectives.{name}", reward)
+    change_config(copied_run, f"styles.{name}.demonstrations.policy._target_", "os.system")
+    with pytest.raises(ValueError, match=r"foreign class os\.system"):
+        morlnav.load(copied_run)
+
+
+def test_the_name_of_an_objective_leads_nowhere_else(copied_run):
+    cfg = OmegaConf.load(copied_run / "config.yaml")
+    cfg.objectives["a.b"] = {"_target_": "morlnav.navigation.envs.DemonstrationObjective"}
+    cfg.styles = {"a": {"b": {"demonstrations": {"policy": {"_target_": "os.system"}}}}}
+    OmegaConf.save(cfg, copied_run / "config.yaml")
+    with pytest.raises(ValueError, match=r"must be an identifier, got a\.b"):
+        morlnav.load(copied_run)
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK no weights"])
+def test_damaged_weights_are_named(copied_run, damage):
+    (copied_run / "policy.pt").write_bytes(damage)
+    with pytest.raises(ValueError, match=r"policy\.pt does not hold the weights of this Actor"):
+        morlnav.load(copied_run)
+
+
+def test_a_damaged_config_is_named(copied_run):
+    (copied_run / "config.yaml").write_text("objectives: [")
+    with pytest.raises(ValueError, match=r"config\.yaml is damaged"):
+        morlnav.load(copied_run)
+
+
+def test_an_interpolation_cannot_make_up_a_class(copied_run):
+    change_config(copied_run, "networks.features", "${oc.decode:'{_target_: os.system, command: exit}'}")
+    with pytest.raises(ValueError, match="holds no interpolation"):
+        morlnav.load(copied_run)
+
+
+def test_ones_own_classes_load_with_trust(copied_run, monkeypatch):
+    (copied_run / "my_networks.py").write_text("from morlnav.modules import Actor\n\n\nclass Mine(Actor):\n    pass\n")
+    monkeypatch.syspath_prepend(copied_run)
+    change_config(copied_run, "networks.actor._target_", "my_networks.Mine")
+    policy = morlnav.load(copied_run, trust=True)
+    assert isinstance(policy, Policy)
+    assert type(policy.actor).__name__ == "Mine"
+
+
+@pytest.mark.parametrize(
+    ("missing", "sentence"),
+    [("config.yaml", "is not a run directory: it holds no config.yaml"), ("policy.pt", "the run has not finished")],
+)
+def test_a_missing_file_is_named_in_one_sentence(copied_run, missing, sentence):
+    (copied_run / missing).unlink()
+    with pytest.raises(FileNotFoundError, match=sentence) as error:
+        morlnav.load(copied_run)
+    assert "\n" not in str(error.value)

@@ -1,0 +1,202 @@
+"""Driving by hand: real events, the real environment, and what is saved."""
+
+import os
+import sys
+
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+
+import pytest
+import torch
+
+pygame = pytest.importorskip("pygame")
+
+from morlnav.navigation.demonstrations import (
+    demonstration_settings,
+    drive,
+    export_demonstrations,
+    load_demonstrations,
+    record_demonstrations,
+)
+from morlnav.navigation.demonstrations.drive import Controls, Recorder, add_demonstrations
+from morlnav.navigation.demonstrations.window import SceneWindow
+from morlnav.navigation.modules import CircumnavigationOracle
+from morlnav.navigation.world import Scene, SceneSampler, TensorWorld
+
+KEYS = {"up": pygame.K_UP, "left": pygame.K_LEFT, "right": pygame.K_RIGHT, "shift": pygame.K_LSHIFT}
+KEYS |= {"escape": pygame.K_ESCAPE, "n": pygame.K_n, "r": pygame.K_r}
+
+
+def scenes(count, human=(1.0, 1.0), **_):
+    """The goal is 2 m straight ahead."""
+    goal, start = torch.tensor([2.0, 0.0]).expand(count, 2), torch.zeros(count, 3)
+    boxes = torch.tensor([[[1.0, -1.2, 0.3, 0.2, 0.5]]]).expand(count, 1, 5)
+    human = torch.tensor(human).expand(count, 2)
+    return Scene(start=start, goal=goal, human=human, boxes=boxes, batch_size=[count])
+
+
+def press(name, down=True):
+    pygame.event.post(pygame.event.Event(pygame.KEYDOWN if down else pygame.KEYUP, key=KEYS[name]))
+
+
+@pytest.fixture
+def window():
+    window = SceneWindow(TensorWorld(), size=(400, 300))
+    yield window
+    window.close()
+
+
+@pytest.fixture
+def recorder(window):
+    kept = []
+    recorder = Recorder(window.world, scenes, kept.append, window, frame_rate=None)
+    recorder.kept = kept
+    recorder.draw()
+    return recorder
+
+
+def drive_on(recorder, steps):
+    for _ in range(steps):
+        assert recorder.listen()
+        recorder.step(recorder.controls.action(recorder.env.world, recorder.window))
+
+
+def test_held_keys_drive_the_robot_and_an_arrival_is_kept(recorder):
+    drive_on(recorder, 3)
+    assert not recorder.frames  # nothing is recorded before the first move
+    press("up")
+    drive_on(recorder, 17)
+    (episode,) = recorder.kept
+    assert episode["next", "outcome", "goal"].flatten().tolist() == [False] * 16 + [True]
+    assert torch.equal(episode["action"], torch.tensor([0.5, 0.0]).expand(17, 2))
+    assert torch.allclose(episode["pose"][:, 0], 0.1 * torch.arange(17))
+    assert "1 demonstrations are saved" in recorder.news
+    assert not recorder.frames
+
+
+def test_turning_and_slowing_down(recorder):
+    press("left")
+    press("shift")
+    press("up")
+    drive_on(recorder, 1)
+    assert torch.allclose(recorder.frames[0]["action"], torch.tensor([[0.25, 0.6]]))
+    press("left", down=False)
+    press("shift", down=False)
+    press("right")
+    drive_on(recorder, 1)
+    assert torch.allclose(recorder.frames[1]["action"], torch.tensor([[0.5, -1.2]]))
+
+
+def test_the_mouse_leads_the_robot(recorder, window):
+    target = window.to_screen(torch.tensor([1.0, 0.4]))
+    pixel = tuple(map(round, target))
+    pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONDOWN, pos=pixel, button=1))
+    drive_on(recorder, 9)
+    pygame.event.post(pygame.event.Event(pygame.MOUSEBUTTONUP, pos=pixel, button=1))
+    drive_on(recorder, 1)
+    here = recorder.env.world.pose[0, :2]
+    assert (here - torch.tensor([1.0, 0.4])).norm() < 0.35
+    assert not recorder.frames[-1]["action"].any()
+
+
+def test_a_collision_begins_the_same_scene_again_and_keeps_nothing(window):
+    kept = []
+    recorder = Recorder(window.world, lambda count, **_: scenes(count, human=(1.0, 0.0)), kept.append, window)
+    press("up")
+    drive_on(recorder, 6)
+    assert not kept
+    assert "touched the human" in recorder.news
+    assert torch.equal(recorder.env.world.pose[0], torch.zeros(3))
+
+
+def test_another_scene_or_the_same_again_is_a_key_away(window):
+    recorder = Recorder(window.world, SceneSampler(), lambda _: None, window)
+    first = recorder.env.world.scene.goal.clone()
+    press("up")
+    drive_on(recorder, 2)
+    press("r")
+    recorder.listen()
+    assert torch.equal(recorder.env.world.scene.goal, first)
+    assert not recorder.frames
+    press("n")
+    recorder.listen()
+    assert not torch.equal(recorder.env.world.scene.goal, first)
+
+
+def test_everything_is_drawn(recorder, window):
+    press("up")
+    drive_on(recorder, 5)
+    recorder.draw()
+    scene = recorder.env.world.scene[0]
+
+    def colour(point):
+        return tuple(window.surface.get_at(tuple(map(round, window.to_screen(torch.as_tensor(point)))))[:3])
+
+    assert colour(scene.human) == pygame.Color("#e05252")[:3]
+    assert colour(scene.goal) == pygame.Color("#2456d6")[:3]
+    assert colour(scene.boxes[0, :2]) == pygame.Color("#c4c7cc")[:3]
+    assert colour([0.2, 0.0]) == pygame.Color("#18a572")[:3]  # the path
+    assert colour(recorder.env.world.pose[0, :2]) == pygame.Color("#333333")[:3]
+    bearing = torch.tensor([0.5, 1.0]) / torch.tensor([0.5, 1.0]).norm()
+    assert colour(torch.tensor([0.5, 0.0]) + 0.4 * bearing) == pygame.Color("#f4eee4")[:3]  # the lidar sees the human
+
+
+@pytest.mark.parametrize("end", ["escape", "quit", "crash"])
+def test_however_it_ends_what_arrived_is_saved(end, tmp_path, monkeypatch, capsys):
+    class Hasty(Recorder):
+        def __init__(self, world, _, keep, window, seed):
+            super().__init__(world, scenes, keep, window, seed, frame_rate=None)
+            press("up")
+
+        def step(self, action):
+            super().step(action)
+            if self.count == 2 and len(self.frames) == 3:  # in the middle of the third drive
+                if end == "crash":
+                    raise KeyboardInterrupt
+                press("escape") if end == "escape" else pygame.event.post(pygame.event.Event(pygame.QUIT))
+
+    monkeypatch.setattr(drive, "Recorder", Hasty)
+    monkeypatch.setattr(sys, "argv", ["morlnav-record", str(tmp_path / "mine"), "--size", "300", "200"])
+    if end == "crash":
+        with pytest.raises(SystemExit, match="Interrupted"):
+            drive.main()
+    else:
+        drive.main()
+        assert "mine holds 2 demonstrations" in capsys.readouterr().out
+    data = load_demonstrations(tmp_path / "mine")
+    assert data["episode"].unique().tolist() == [0, 1]
+    assert len(data) == 34
+    assert demonstration_settings(tmp_path / "mine") == {"source": "driven by hand"}
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_recordings_grow_from_drive_to_drive(tmp_path):
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 2, num_envs=4)
+    assert add_demonstrations(data, tmp_path / "mine", "first") == 2
+    assert add_demonstrations(data[data["episode"] == 1], tmp_path / "mine", "second") == 3
+    assert load_demonstrations(tmp_path / "mine")["episode"].unique().tolist() == [0, 1, 2]
+    other, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(num_boxes=1), 1, num_envs=4)
+    with pytest.raises(ValueError, match="of other shapes; record into another folder"):
+        add_demonstrations(other, tmp_path / "mine", "third")
+    assert load_demonstrations(tmp_path / "mine")["episode"].max() == 2
+    (tmp_path / "mine").rename(tmp_path / "mine.old")  # as a kill in between would leave it
+    assert add_demonstrations(data[data["episode"] == 1], tmp_path / "mine", "fourth") == 4
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_file_is_imported_by_one_command(tmp_path, monkeypatch, capsys):
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 2, num_envs=4)
+    export_demonstrations(data, tmp_path / "drives.csv")
+    words = ["morlnav-record", str(tmp_path / "mine"), "--import", str(tmp_path / "drives.csv"), "env.num_envs=4"]
+    monkeypatch.setattr(sys, "argv", words)
+    drive.main()
+    assert "mine holds 2 demonstrations" in capsys.readouterr().out
+    assert len(load_demonstrations(tmp_path / "mine")) == len(data)
+    (tmp_path / "drives.csv").write_text("x,y\n1,2\n")
+    with pytest.raises(SystemExit, match=r"drives\.csv: expected columns x, y, heading or v, omega, got neither"):
+        drive.main()
+
+
+def test_other_events_are_let_pass(window):
+    controls = Controls()
+    assert controls.hear(pygame.event.Event(pygame.WINDOWEXPOSED)) is None
+    assert not controls.action(window.world, window).any()

@@ -1,287 +1,366 @@
-"""D-REX (Sec. III-C): demonstrations, clone, ranked roll-outs, reward model and audit, each cached by its config."""
+"""D-REX (Sec. III-C) in any environment: demonstrations, clone, ranked roll-outs, reward, audit; each stage cached."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib.metadata import version
-from itertools import pairwise
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import torch
-from filelock import FileLock
-from omegaconf import DictConfig, OmegaConf
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
-from torch import nn
+from torch import Tensor, nn
+from torchrl.envs import EnvBase
 from torchrl.record.loggers import Logger
 
-from morlnav.cli import stage
+from morlnav.config import Part, supply
 from morlnav.data import SnippetPairs, roll_out_ranked
-from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, load_weights, read_facts, save_reward
-from morlnav.navigation.audit import Thresholds
-from morlnav.navigation.demonstrations import load_demonstrations, save_demonstrations
-from morlnav.navigation.envs import NavigationEnv, default_objectives
-from morlnav.navigation.evaluation import evaluate_policy, frechet_distance
-from morlnav.navigation.world import Scene
+from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, read_facts, save_module
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
-from morlnav.trainers.auditing import audit_run
-from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
-from morlnav.trainers.styles import (
-    CLONE_FILE,
-    demonstrated_objectives,
-    make_clone,
-    style_config,
-    style_directory,
-    style_of,
-)
-from morlnav.trainers.supervised import fit
+from morlnav.trainers.cache import Cache
+from morlnav.trainers.live import live_objects
+from morlnav.trainers.supervised import Fit
+from morlnav.transforms import DemonstrationReward
 
-WORLD = ("world", "env.scenes", "env.max_steps", "env.observe_human")
-STAGES = (*WORLD, "demonstrations", "networks.features", "clone", "ranking")
-"""What a reward model depends on."""
+CLONE_FILE = "clone.pt"
+REWARD_FILE = "reward.pt"
+Policy = Callable[[Tensor], Tensor]
 
 
-def stage_directory(cfg: DictConfig, *groups: str) -> Path:
-    """Where a stage keeps its result: named by a hash of every part of the config it depends on."""
-    parts = {group: OmegaConf.select(cfg, group) for group in groups}
-    content = {
-        group: OmegaConf.to_container(part, resolve=True) if OmegaConf.is_config(part) else part
-        for group, part in parts.items()
-    }
-    content |= {"seed": cfg.seed, "threads": cfg.threads}  # a seed's result holds for a number of threads
-    content |= {name: version(name) for name in ("morlnav", "torch")}  # ... and for a version of the code
-    digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
-    return Path(cfg.cache) / f"{groups[-1]}-{digest}"
+class Demonstrations(ABC):
+    """Where demonstrations come from, and how they are kept.
+
+    Attributes:
+        policy: who demonstrated, from observations ``[B, D]`` to actions ``[B, A]``; ``None`` if nobody can be asked.
+    """
+
+    policy: Policy | None = None
+
+    @abstractmethod
+    def collect(self) -> TensorDict:
+        """Transitions ``[N]`` with ``observation``, ``action`` (the label) and ``episode``, which counts from 0."""
+
+    def save(self, data: TensorDict, path: Path) -> None:
+        """Keep them in a folder."""
+        data.memmap(path, copy_existing=True)
+
+    def load(self, path: Path) -> TensorDict:
+        """What :meth:`save` kept."""
+        return TensorDict.load_memmap(path).clone()
+
+    def judge(self, clone: Policy, data: TensorDict) -> tuple[dict[str, Any], list[str]]:
+        """Facts about a clone that stands in for a demonstrator who cannot be asked, and reasons against it."""
+        return {}, []
 
 
-@contextmanager
-def _stage(cfg: DictConfig, name: str, path: Path) -> Iterator[bool]:
-    """One stage, whose result goes to ``path``; gives whether it is there. Parallel runs wait for one of them."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(path.with_suffix(".lock")):
-        done = path.exists()
-        with stage(_label(cfg, name), cfg.trainer.progress_bar, done):
-            yield done
+class Cloning:
+    """Behaviour cloning of the demonstrations.
 
-
-def learn_demonstration_rewards(cfg: DictConfig, directory: Path, logger: Logger | None = None) -> None:
-    """Learn and audit the reward of every demonstrated objective that has no model yet; copy those that have one.
-
-    Puts ``reward.pt`` and ``audit/`` into :func:`style_directory`, and the model's place into ``cfg``.
+    Args:
+        actor: the network, from observations to actions.
+        fit: how it is trained.
+        loss_function: ``"l2"`` or ``"smooth_l1"``.
+        batch_size: rows of an update.
+        held_out: share of the episodes that is never trained on, from 0 to 1.
 
     Raises:
-        ValueError: if a reward fails its audit and ``audit.required``.
+        ValueError: for numbers out of range.
     """
-    for name in demonstrated_objectives(cfg):
-        reward, path = cfg.objectives[name].reward, style_directory(directory, name) / "reward.pt"
-        if "path" not in reward:  # a class of the user's own
-            continue
-        view = style_config(cfg, name)
-        if "offset" in view.objectives[name]:
-            cfg.objectives[name].offset = view.objectives[name].offset  # of its own ranking
-        if not path.exists():
-            if reward.path is None:
-                _learn_reward(view, directory, path, logger)
-            else:
-                save_reward(load_reward(reward.path), path, read_facts(reward.path)["facts"])
-        reward.path = str(path)
 
+    def __init__(
+        self,
+        actor: Part[nn.Module],
+        fit: Fit,
+        loss_function: Literal["l2", "smooth_l1"] = "l2",
+        batch_size: int = 512,
+        held_out: float = 0.05,
+    ) -> None:
+        if batch_size < 1 or not 0 <= held_out < 1:
+            raise ValueError(f"Needed are batch_size >= 1 and 0 <= held_out < 1, got {batch_size} and {held_out}.")
+        self.actor, self.fit = actor, fit
+        self.loss_function, self.batch_size, self.held_out = loss_function, batch_size, held_out
 
-def _learn_reward(cfg: DictConfig, directory: Path, path: Path, logger: Logger | None) -> None:
-    demonstrations = make_demonstrations(cfg)
-    clone = train_clone(cfg, demonstrations, logger)
-    model = train_reward(cfg, clone, logger)
-    reasons, facts = [], {}
-    if "policy" not in cfg.demonstrations:  # the clone stands in for whoever was recorded
-        path.parent.mkdir(parents=True, exist_ok=True)
-        torch.save(clone.state_dict(), path.parent / CLONE_FILE)
-        facts, reasons = judge_clone(cfg, clone, demonstrations)
-    verdict = audit(cfg, directory)
-    reasons += verdict["reasons"]
-    if cfg.audit.required and reasons:
-        raise ValueError(
-            f"The learned reward fails its audit ({reasons[0]} See {path.parent / 'audit'}); change the "
-            f"pipeline, or train on this reward with audit.required=false."
-        )
-    save_reward(model, path, {**read_facts(_reward_file(cfg))["facts"], "audit": verdict, **facts})
-
-
-def _label(cfg: DictConfig, name: str) -> str:
-    """What a person reads: ``clone``, and ``wide_left/clone`` for an objective of that name."""
-    return name if style_of(cfg) == "demo" else f"{style_of(cfg)}/{name}"
-
-
-def make_demonstrations(cfg: DictConfig) -> TensorDict:
-    """Record the demonstrator, or take the recording from the cache."""
-    path = stage_directory(cfg, *WORLD, "demonstrations")
-    with _stage(cfg, "demonstrations", path) as done:
-        if not done:
-            data, tries = build(
-                cfg.demonstrations, sampler=build(cfg.env.scenes), world=build(cfg.world, device=cfg.device)
-            )
-            unfinished = path.with_suffix(".part")
-            shutil.rmtree(unfinished, ignore_errors=True)  # of a process that was killed
-            save_demonstrations(data, unfinished, {"tries": tries})
-            unfinished.rename(path)
-        return load_demonstrations(path)
-
-
-def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | None = None) -> nn.Module:
-    """Clone the demonstrator by regression on its clean actions, or load the clone from the cache."""
-    path = stage_directory(cfg, *STAGES[:-1]).with_suffix(".pt")
-    with torch.random.fork_rng(devices=[]), _stage(cfg, "clone", path) as done:
-        torch.manual_seed(cfg.seed)  # the same clone, and the same draws after it, whatever comes from the cache
-        actor, robot = make_clone(cfg), build(cfg.world.robot)
-        if done:
-            return load_weights(actor, path)
+    def __call__(self, data: TensorDict, live: Mapping[str, Any], **display: Any) -> nn.Module:
+        """A clone of whoever drove ``data`` ``[N]``, in evaluation mode."""
+        actor = supply(self.actor, **{**live, "num_objectives": 0})
         loss = BehaviourCloningLoss(
             TensorDictModule(actor, ["observation"], ["action"]),
-            bounds=(robot.action_low, robot.action_high),
-            loss_function=cfg.clone.loss_function,
+            bounds=(torch.tensor(live["action_low"]), torch.tensor(live["action_high"])),
+            loss_function=self.loss_function,
         )
-        rows = demonstrations.select("observation", "action")
-        count = int(demonstrations["episode"].max()) + 1
-        last = demonstrations["episode"] >= max(1, int((1 - cfg.clone.held_out) * count))
+        rows, count = data.select("observation", "action"), int(data["episode"].max()) + 1
+        last = data["episode"] >= max(1, int((1 - self.held_out) * count))
         train, held_out = rows[~last], rows[last] if count > 1 else rows
-        fit(
-            loss,
-            lambda: train[torch.randint(len(train), (cfg.clone.batch_size,))],
-            held_out,
-            name=_label(cfg, "clone"),
-            logger=logger,
-            progress_bar=cfg.trainer.progress_bar,
-            **cfg.clone.fit,
-        )
-        torch.save(actor.state_dict(), path.with_suffix(".part"))
-        path.with_suffix(".part").rename(path)
+        self.fit(loss, lambda: train[torch.randint(len(train), (self.batch_size,))], held_out, **display)
         return actor.eval()
 
 
-def judge_clone(
-    cfg: DictConfig, clone: nn.Module, demonstrations: TensorDict, episodes: int = 100
-) -> tuple[dict[str, Any], list[str]]:
-    """Whether a clone drives as recorded, for it stands in for a demonstrator that cannot be asked again.
+class Ranking:
+    """A reward from roll-outs of the clone, ranked by the noise on its actions.
 
-    Returns:
-        Facts for the saved reward, and a reason if the median Fréchet distance to the recorded paths is too large.
+    Args:
+        noise: on the clone's actions, called with levels ``epsilon`` ``[B]``.
+        model: a reward model, made once for each member with what it reads as ``inputs``.
+        fit: how the models are trained.
+        levels: of the noise, ascending.
+        episodes: roll-outs per level.
+        snippet: steps that are compared; ``None`` compares whole roll-outs.
+        aggregate: ``"mean"`` or ``"sum"`` over a snippet.
+        temperature: a pair's logit is this times the difference.
+        batch_size: pairs of an update.
+        held_out: share of the roll-outs that is never trained on.
+        members: what each member of the ensemble reads.
+        reduce: ``"pessimistic"`` or ``"mean"``.
+        normalise: stretch the reward so that demonstrated steps are nearly free.
+
+    Raises:
+        ValueError: for numbers out of range, or values that contradict each other.
     """
-    first = (demonstrations["step"] == 0).nonzero().flatten()
-    bounds = [*first.tolist(), len(demonstrations)]
-    paths = [
-        torch.cat([demonstrations["pose"][start:end], demonstrations["next", "pose"][end - 1 : end]])[:, :2]
-        for start, end in pairwise(bounds[: episodes + 1])
-    ]
-    scenes = Scene.from_tensordict(demonstrations["scene"][first[:episodes]])
-    world = build(cfg.world, device="cpu")
-    rollouts = evaluate_policy(
-        lambda observation, _: clone(observation),
-        scenes,
-        torch.zeros(1, 2),
-        world=world,
-        observe_human=cfg.env.observe_human,
-        max_steps=cfg.env.max_steps,
-    )
-    median = frechet_distance(rollouts.path[0], paths).median().item()
-    allowed = Thresholds().frechet
-    reason = f"The clone drives {median:.2f} m off the recorded paths, at most {allowed} m is allowed."
-    return {"clone": {"frechet": median, "episodes": len(paths)}}, [] if median <= allowed else [reason]
 
+    def __init__(
+        self,
+        noise: Part[nn.Module],
+        model: Part[nn.Module],
+        fit: Fit,
+        levels: Sequence[float],
+        episodes: int = 200,
+        snippet: int | None = 5,
+        aggregate: Literal["mean", "sum"] = "mean",
+        temperature: float = 10.0,
+        batch_size: int = 160,
+        held_out: float = 0.1,
+        members: Sequence[Sequence[str]] = (("observation", "action"),),
+        reduce: Literal["mean", "pessimistic"] = "pessimistic",
+        normalise: bool = True,
+    ) -> None:
+        for name, value in {"episodes": episodes, "batch_size": batch_size, "snippet": snippet or 1}.items():
+            if value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}.")
+        if snippet == 0:
+            raise ValueError("snippet must be at least 1, or null for whole roll-outs, got 0.")
+        if len(levels) < 2 or list(levels) != sorted(set(levels)) or levels[0] < 0:
+            raise ValueError(f"levels must be two or more and ascend from 0, got {list(levels)}.")
+        if normalise and levels[0] > 0:
+            raise ValueError(f"normalise needs roll-outs without noise; begin levels with 0, not {levels[0]}.")
+        if temperature <= 0:
+            raise ValueError(f"temperature must be positive, got {temperature}.")
+        self.split = max(1, int((1 - held_out) * episodes))
+        if not 0 <= held_out < 1 or self.split >= episodes:
+            raise ValueError(
+                f"held_out={held_out} keeps none of {episodes} episodes per level to choose the reward by; change one."
+            )
+        if len(members) < (2 if reduce == "pessimistic" else 1):
+            raise ValueError(f"The {reduce} ensemble needs more than {len(members)} members.")
+        self.noise, self.model, self.fit = noise, model, fit
+        self.levels, self.episodes, self.snippet = list(levels), episodes, snippet
+        self.aggregate, self.temperature, self.batch_size = aggregate, temperature, batch_size
+        self.members, self.reduce, self.normalise = members, reduce, normalise
 
-def make_ranked_rollouts(cfg: DictConfig, clone: nn.Module) -> TensorDict:
-    """Roll the clone out under every noise level of the config."""
-    bounds = bounds_of(_bare_env(cfg, 1))
-    return roll_out_ranked(
-        clone,
-        lambda count: _bare_env(cfg, count, seed=cfg.seed + 1),
-        lambda levels: build(cfg.ranking.noise, epsilon=levels, **bounds),
-        list(cfg.ranking.levels),
-        cfg.ranking.episodes,
-        cfg.env.max_steps,
-    )
-
-
-def train_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None = None) -> nn.Module:
-    """Learn a reward model from ranked roll-outs, or load it from the cache."""
-    path = _reward_file(cfg)
-    with _stage(cfg, "reward", path) as done:
-        if not done:
-            model, scores = _fit_reward(cfg, clone, logger)
-            save_reward(model, path, {"held_out": scores})
-        return load_reward(path)
-
-
-def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tuple[nn.Module, dict[str, float]]:
-    settings = cfg.ranking
-    if settings.normalise and settings.levels[0] > 0:
-        raise ValueError(
-            f"ranking.normalise needs roll-outs without noise; begin ranking.levels with 0, not {settings.levels[0]}."
+    def roll_out(self, clone: Policy, make_env: Callable[[int], EnvBase], live: Mapping[str, Any]) -> TensorDict:
+        """The clone under every noise level, ``[levels, episodes, T]``."""
+        return roll_out_ranked(
+            clone,
+            make_env,
+            lambda levels: supply(self.noise, **{**live, "epsilon": levels}),
+            self.levels,
+            self.episodes,
+            live["max_steps"],
         )
-    torch.manual_seed(cfg.seed)
-    rollouts, env = make_ranked_rollouts(cfg, clone), _bare_env(cfg, 1)
-    split = max(1, int((1 - settings.held_out) * settings.episodes))
-    if split >= settings.episodes:
-        raise ValueError(
-            f"ranking.held_out={settings.held_out} keeps none of ranking.episodes={settings.episodes} per level to "
-            f"choose the reward by; raise one of them."
+
+    def __call__(self, rollouts: TensorDict, live: Mapping[str, Any], **display: Any) -> tuple[nn.Module, dict]:
+        """The reward model, and its held-out scores."""
+        train = SnippetPairs(rollouts[:, : self.split], self.snippet)
+        held_out = SnippetPairs(rollouts[:, self.split :], self.snippet).sample(512)
+        members = [supply(self.model, **{**live, "inputs": list(inputs)}) for inputs in self.members]
+        networks = [TensorDictModule(member, ["observation", "action"], ["reward"]) for member in members]
+        loss = RankingLoss(networks, aggregate=self.aggregate, temperature=self.temperature)
+        scores = self.fit(
+            loss, lambda: torch.stack([train.sample(self.batch_size) for _ in members]), held_out, **display
         )
-    train = SnippetPairs(rollouts[:, :split], settings.snippet)
-    held_out = SnippetPairs(rollouts[:, split:], settings.snippet).sample(512)
-    members = [
-        build(
-            settings.model,
-            inputs=[key for key in inputs if key != "action" or settings.action],
-            **bounds_of(env),
-            features=make_features(settings.features, env),
+        model = RewardEnsemble(members, reduce=self.reduce) if len(members) > 1 else members[0]
+        if self.normalise:
+            mask = rollouts["mask"]
+            clean = torch.zeros_like(mask)
+            clean[0] = True
+            model = NormalisedReward(model).fit(rollouts["observation"][mask], rollouts["action"][mask], clean[mask])
+        return model, scores
+
+
+@dataclass
+class LearnedReward:
+    """What a demonstration became.
+
+    Attributes:
+        transform: pays for it in an environment.
+        demonstrator: who drives as demonstrated, from observations ``[B, D]`` to actions ``[B, A]``.
+        clone: the network that imitates the demonstrator; ``None`` where it was not kept.
+    """
+
+    transform: DemonstrationReward
+    demonstrator: Policy | None = None
+    clone: nn.Module | None = None
+
+
+class DREX:
+    """Learns a reward for every demonstrated objective, and returns them.
+
+    Args:
+        demonstrations: by the name of the objective.
+        clone: imitates the demonstrator.
+        ranking: learns the reward.
+        audit: judges it; ``None`` trusts it.
+        scale: the factor ``c_d`` of the reward that an environment pays, ``c_d·(R̂ + b_d)``.
+        offset: ``b_d``.
+        make_env: makes an environment: ``make_env(num_envs=..., seed=...)``.
+        max_steps: time limit of a roll-out.
+        seed: of everything that is drawn.
+        cache: where stages are kept by what they depend on; ``None`` keeps nothing.
+        config: of the environment and of this pipeline, which name the stages in the cache.
+        progress_bar: show progress.
+
+    Examples:
+        >>> learned = DREX(demonstrations, clone, ranking, make_env=make_env).learn(Path("run"))  # doctest: +SKIP
+        >>> env = TransformedEnv(make_env(num_envs=8), learned["demo"].transform)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        demonstrations: Mapping[str, Demonstrations],
+        clone: Cloning,
+        ranking: Ranking,
+        audit: Any = None,
+        scale: float = 10.0,
+        offset: float = -1.0,
+        *,
+        make_env: Callable[..., EnvBase],
+        max_steps: int = 250,
+        seed: int = 0,
+        cache: str | None = None,
+        config: Mapping[str, Any] | None = None,
+        progress_bar: bool = True,
+    ) -> None:
+        self.demonstrations = {name: source for name, source in demonstrations.items() if source is not None}
+        self.clone, self.ranking, self.audit = clone, ranking, audit
+        self.scale, self.offset, self.seed = scale, offset, seed
+        self.make_env, self.progress_bar = make_env, progress_bar
+        self.live = live_objects(make_env(num_envs=1)) | {"max_steps": max_steps}
+        self.stages = {
+            name: Cache(cache, config and _of_one(config, name), seed, progress_bar, name if name != "demo" else "")
+            for name in self.demonstrations
+        }
+
+    @property
+    def names(self) -> list[str]:
+        """The demonstrated objectives."""
+        return list(self.demonstrations)
+
+    def learn(self, directory: Path | None = None, logger: Logger | None = None) -> dict[str, LearnedReward]:
+        """Learn the rewards, and leave them in a run directory.
+
+        Args:
+            directory: receives ``reward.pt``, ``audit/`` and, where nobody can be asked, ``clone.pt``.
+            logger: receives the losses.
+
+        Raises:
+            ValueError: if a reward fails its audit, and the audit is required.
+        """
+        return {name: self._learn(name, place(directory, name), logger) for name in self.demonstrations}
+
+    def _learn(self, name: str, directory: Path | None, logger: Logger | None) -> LearnedReward:
+        source, stages = self.demonstrations[name], self.stages[name]
+        display = {"logger": logger, "progress_bar": self.progress_bar}
+        data = stages.keep("demonstrations", source.collect, source.save, source.load)
+        clone = stages.keep_module("clone", lambda: (self._clone(data, **display, name=stages.label("clone")), {}))
+        reward, facts = stages.keep_module(
+            "ranking", lambda: self._rank(clone[0], **display, name=stages.label("reward")), label="reward"
         )
-        for inputs in settings.members
-    ]
-    networks = [TensorDictModule(member, ["observation", "action"], ["reward"]) for member in members]
-    loss = RankingLoss(networks, aggregate=settings.aggregate, temperature=settings.temperature)
-    scores = fit(
-        loss,
-        lambda: torch.stack([train.sample(settings.batch_size) for _ in members]),
-        held_out,
-        name=_label(cfg, "reward"),
-        logger=logger,
-        progress_bar=cfg.trainer.progress_bar,
-        **settings.fit,
-    )
-    model = RewardEnsemble(members, reduce=settings.reduce) if len(members) > 1 else members[0]
-    if settings.normalise:
-        mask = rollouts["mask"]
-        clean = torch.zeros_like(mask)
-        clean[0] = True
-        model = NormalisedReward(model).fit(rollouts["observation"][mask], rollouts["action"][mask], clean[mask])
-    return model, scores
+        clone, reasons = clone[0], []
+        if source.policy is None:
+            judged, reasons = source.judge(clone, data)
+            facts |= judged
+        if self.audit is not None:
+            verdict = self._audit(name, reward, source.policy or clone, reasons, directory)
+            facts |= {"audit": verdict}
+        if directory is not None:
+            save_module(reward, directory / REWARD_FILE, {**facts, "config": stages.digest("ranking")})
+            if source.policy is None:
+                save_module(clone, directory / CLONE_FILE)
+        return self._learned(name, reward, source.policy or clone, clone)
+
+    def restore(self, directory: Path) -> dict[str, LearnedReward]:
+        """The rewards that :meth:`learn` left in a run directory.
+
+        Raises:
+            FileNotFoundError: if one is missing.
+            ValueError: if one is damaged.
+        """
+        return {name: self._restore(name, place(directory, name)) for name in self.demonstrations}
+
+    def _restore(self, name: str, directory: Path) -> LearnedReward:
+        policy = self.demonstrations[name].policy
+        clone = load_module(directory / CLONE_FILE) if policy is None else None
+        return self._learned(name, load_module(directory / REWARD_FILE), policy or clone, clone)
+
+    def _learned(self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module | None) -> LearnedReward:
+        entry = self.live["num_static"] + self.names.index(name)
+        return LearnedReward(DemonstrationReward(reward, self.scale, self.offset, entry, name), demonstrator, clone)
+
+    def untrained(self) -> dict[str, LearnedReward]:
+        """Rewards of nothing, to try whether everything else fits."""
+        nothing = {name: lambda observation, action: action[..., 0] * 0 for name in self.demonstrations}
+        clone = supply(self.clone.actor, **{**self.live, "num_objectives": 0})
+        return {name: self._learned(name, reward, clone, clone) for name, reward in nothing.items()}
+
+    def _clone(self, data: TensorDict, **display: Any) -> nn.Module:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(self.seed)  # the same clone, and the same draws after it, whatever comes from the cache
+            return self.clone(data, self.live, **display)
+
+    def _rank(self, clone: Policy, **display: Any) -> tuple[nn.Module, dict[str, Any]]:
+        torch.manual_seed(self.seed)
+        rollouts = self.ranking.roll_out(
+            clone, lambda count: self.make_env(num_envs=count, seed=self.seed + 1), self.live
+        )
+        model, scores = self.ranking(rollouts, self.live, **display)
+        return model, {"held_out": scores}
+
+    def _audit(
+        self, name: str, reward: nn.Module, demonstrator: Policy, reasons: list[str], directory: Path | None
+    ) -> dict[str, Any]:
+        def judge(path: Path) -> None:
+            self.audit.judge(
+                reward, demonstrator, path, scale=self.scale, offset=self.offset, snippet=self.ranking.snippet or 25
+            )
+
+        report = self.stages[name].keep_folder("audit", judge)
+        verdict = self.audit.read(report)
+        if directory is not None:
+            shutil.copytree(report, directory / "audit", dirs_exist_ok=True)
+        reasons = [*reasons, *verdict["reasons"]]
+        if reasons and self.audit.required:
+            where = f" See {directory / 'audit'};" if directory is not None else ""
+            raise ValueError(
+                f"The learned reward fails its audit ({reasons[0]}{where}); change the pipeline, or train on this "
+                f"reward with rewards.audit.required=false."
+            )
+        return verdict
 
 
-def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
-    """Judge the reward in the cache, unless that was done; puts the report beside the run's reward."""
-    report = stage_directory(cfg, *STAGES, f"objectives.{style_of(cfg)}", "audit")
-    with _stage(cfg, "audit", report) as done:
-        if not done:
-            unfinished = report.with_suffix(".part")
-            settings = {"num_scenes": cfg.audit.scenes, "scene_seed": cfg.audit.scene_seed, "plans": cfg.audit.plans}
-            try:
-                settings |= {"cfg": cfg, "directory": directory, "seed": cfg.seed}
-                audit_run(_reward_file(cfg), unfinished, record=False, **settings)  # other runs share the reward
-            except ValueError as error:  # a clone that never arrives cannot stand in for anybody
-                unfinished.mkdir(parents=True, exist_ok=True)
-                (unfinished / "audit.json").write_text(json.dumps({"passed": False, "reasons": [str(error)]}))
-            unfinished.rename(report)
-        shutil.copytree(report, style_directory(directory, style_of(cfg)) / "audit", dirs_exist_ok=True)
-        return json.loads((report / "audit.json").read_text())
+def place(directory: Path | None, name: str) -> Path | None:
+    """Where a run keeps reward, audit and clone of an objective: ``demo`` in the run directory, others below it."""
+    return directory if directory is None or name == "demo" else directory / "styles" / name
 
 
-def _reward_file(cfg: DictConfig) -> Path:
-    return stage_directory(cfg, *STAGES) / "reward.pt"
-
-
-def _bare_env(cfg: DictConfig, num_envs: int, seed: int | None = None) -> NavigationEnv:
-    """The environment with the analytical objectives, in which demonstrations and roll-outs are made."""
-    return make_base_env(cfg, num_envs, seed, default_objectives())
+def _of_one(config: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """The config as one objective depends on it, stage by stage."""
+    pipeline = config["rewards"]
+    return {
+        "env": config["env"],
+        "demonstrations": pipeline["demonstrations"][name],
+        "clone": pipeline["clone"],
+        "ranking": pipeline["ranking"],
+        "audit": {key: pipeline.get(key) for key in ("audit", "scale", "offset")},
+    }

@@ -3,5 +3,6 @@
 from morlnav.transforms.demonstration_reward import DemonstrationReward
 from morlnav.transforms.preference import DrawPreference
 from morlnav.transforms.relabel import HindsightPreferenceRelabel
+from morlnav.transforms.reward_vector import RewardVector
 
-__all__ = ["DemonstrationReward", "DrawPreference", "HindsightPreferenceRelabel"]
+__all__ = ["DemonstrationReward", "DrawPreference", "HindsightPreferenceRelabel", "RewardVector"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 
 import torch
 from tensordict import TensorDictBase
@@ -27,6 +28,7 @@ class DemonstrationReward(Transform):
         scale: the factor ``c_d``.
         offset: added to ``R̂``.
         entry: index that the entry has in the resulting vector.
+        name: of the entry: the objective that was demonstrated.
         insert: make room for the entry; ``False`` writes over the one that is there.
         observation_key: entry that holds ``s_t``.
         action_key: entry that holds ``a_t``.
@@ -38,19 +40,20 @@ class DemonstrationReward(Transform):
 
     Examples:
         >>> from torchrl.envs import TransformedEnv
-        >>> from morlnav.navigation.envs import NavigationEnv
-        >>> from morlnav.modules import RewardModel
-        >>> env = TransformedEnv(NavigationEnv(num_envs=3), DemonstrationReward(RewardModel(depth=1)))
+        >>> from morlnav import NavigationEnv
+        >>> slow = lambda observation, action: 1 - action[..., 0] / 0.5
+        >>> env = TransformedEnv(NavigationEnv(num_envs=3), DemonstrationReward(slow))
         >>> env.rollout(2)["next", "reward"].shape  # baseline, demo, distance, efficiency
         torch.Size([3, 2, 4])
     """
 
     def __init__(
         self,
-        reward_model: nn.Module,
+        reward_model: nn.Module | Callable[[Tensor, Tensor], Tensor],
         scale: float = 10.0,
         offset: float = -1.0,
         entry: int = 1,
+        name: str = "demo",
         insert: bool = True,
         observation_key: NestedKey = "observation",
         action_key: NestedKey = "action",
@@ -59,19 +62,32 @@ class DemonstrationReward(Transform):
         super().__init__()
         if entry < 0:
             raise ValueError(f"entry must not be negative, got {entry}.")
-        self.reward_model = copy.deepcopy(reward_model).eval().requires_grad_(False)
+        frozen = isinstance(reward_model, nn.Module)
+        self.reward_model = copy.deepcopy(reward_model).eval().requires_grad_(False) if frozen else reward_model
         self.scale = scale
         self.offset = offset
         self.entry = entry
+        self.name = name
         self.insert = insert
         self.observation_key = observation_key
         self.action_key = action_key
         self.reward_key = reward_key
 
+    def bounds(self) -> tuple[float, float]:
+        """Least and largest reward of a step, for ``R̂`` in [0, 1]."""
+        ends = self.scale * self.offset, self.scale * (1 + self.offset)
+        return min(ends), max(ends)
+
+    @torch.no_grad()
+    def reward(self, observation: Tensor, action: Tensor) -> Tensor:
+        """``scale·(R̂(s, a) + offset)`` for observations ``[..., D]`` and actions ``[..., A]``, ``[...]``."""
+        return self.scale * (self.reward_model(observation, action) + self.offset)
+
     def train(self, mode: bool = True) -> DemonstrationReward:
         """Set the transform's mode; the reward model stays in evaluation mode."""
         super().train(mode)
-        self.reward_model.eval()
+        if isinstance(self.reward_model, nn.Module):
+            self.reward_model.eval()
         return self
 
     def _step(self, tensordict: TensorDictBase, next_tensordict: TensorDictBase) -> TensorDictBase:
@@ -85,8 +101,8 @@ class DemonstrationReward(Transform):
     def _extend(self, tensordict: TensorDictBase, reward: Tensor) -> Tensor:
         """The reward vectors ``[..., m]`` with the demonstration's entry, ``[..., m + insert]``."""
         self._check(reward.shape[-1])
-        value = self.reward_model(tensordict.get(self.observation_key), tensordict.get(self.action_key))
-        demonstration = (self.scale * (value + self.offset)).unsqueeze(-1).to(reward.dtype)
+        earned = self.reward(tensordict.get(self.observation_key), tensordict.get(self.action_key))
+        demonstration = earned.unsqueeze(-1).to(reward.dtype)
         after = self.entry if self.insert else self.entry + 1
         return torch.cat([reward[..., : self.entry], demonstration, reward[..., after:]], -1)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -31,12 +32,15 @@ class NavigationEnv(EnvBase):
     ============================  =========  ==========================================================
 
     Args:
-        world: the engine that moves robots; :class:`~morlnav.navigation.world.TensorWorld` by default.
+        world: the engine that moves robots, of which the environment takes a copy;
+            :class:`~morlnav.navigation.world.TensorWorld` by default.
         scenes: called as ``scenes(n, device="cpu", generator=...)`` for as many new scenes as episodes have ended.
         objectives: reward terms by name, in order; those with ``static = True`` must come first.
         num_envs: environments side by side; ``None`` for one without a batch dimension.
         observe_human: whether the human's position is part of the observation (``-NH`` ablation).
         seed: seeds the scenes.
+        inflation: by how many metres the robot is wider in training mode, as costmaps of planners inflate obstacles: a
+            margin to learn with, for what a lidar's sector tells only roughly. After ``eval()`` it has its true size.
 
     Raises:
         ValueError: for an empty or wrongly ordered objective list, or ``num_envs < 1``.
@@ -60,10 +64,13 @@ class NavigationEnv(EnvBase):
         num_envs: int | None = None,
         observe_human: bool = True,
         seed: int | None = None,
+        inflation: float = 0.0,
     ) -> None:
         if num_envs is not None and num_envs < 1:
             raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
-        self.world = world or TensorWorld()
+        if inflation < 0:
+            raise ValueError(f"inflation must not be negative, got {inflation}.")
+        self.world = copy.copy(world) if world is not None else TensorWorld()
         super().__init__(device=self.world.device, batch_size=[] if num_envs is None else [num_envs])
         self.scenes = scenes or SceneSampler()
         self.rewards = dict(objectives) if objectives is not None else default_objectives()
@@ -74,6 +81,8 @@ class NavigationEnv(EnvBase):
             raise ValueError(f"Static objectives must come before tuneable ones, got the order {list(self.rewards)}.")
         self.num_static = sum(static)
         self.observe_human = observe_human
+        self._robots = {mode: _wider(self.world.robot, inflation * mode) for mode in (True, False)}
+        self.train()
         self._count = num_envs or 1
         self._observation: Tensor | None = None
         self._make_spec()
@@ -89,6 +98,31 @@ class NavigationEnv(EnvBase):
         """Least and largest reward of a step ``[2, m]``; infinite for objectives that do not tell."""
         reach = self.world.robot.max_speed * self.world.step_time
         return torch.tensor([reward_bounds(objective, reach) for objective in self.rewards.values()]).T
+
+    @property
+    def live(self) -> dict[str, Any]:
+        """What networks, demonstrators and evaluations of this domain may ask for by naming an argument so."""
+        world = self.world
+        return {
+            "world": world,
+            "scenes": self.scenes,
+            "observe_human": self.observe_human,
+            "robot": world.robot,
+            "max_turn": world.robot.action_high[1].item(),
+            "step_time": world.step_time,
+            "lidar_range": world.lidar.max_range,
+            "sectors": world.lidar.sectors,
+        }
+
+    def train(self, mode: bool = True) -> NavigationEnv:
+        """In training mode the robot is wider by ``inflation``."""
+        self.world.robot = self._robots[mode]
+        return super().train(mode)
+
+    def to(self, device: torch.device | str) -> NavigationEnv:
+        """Move world and specs; episodes begin anew."""
+        self.world.to(device)
+        return super().to(device)
 
     def _make_spec(self) -> None:
         shape = self.batch_size
@@ -190,3 +224,10 @@ class NavigationEnv(EnvBase):
         self.world.load_state_dict(state["world"])
         self._generator.set_state(state["generator"])
         self._observe()
+
+
+def _wider(robot: Any, by: float) -> Any:
+    """A copy of the robot with a larger radius; it may be frozen, or of a kind of its own."""
+    robot = copy.copy(robot)
+    object.__setattr__(robot, "radius", robot.radius + by)
+    return robot

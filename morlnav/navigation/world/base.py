@@ -73,6 +73,12 @@ class World(ABC):
         self.scene: Scene | None = None
         self.pose: Tensor | None = None
 
+    def to(self, device: torch.device | str) -> World:
+        """Move to a device; the next reset has to be a full one."""
+        self.device = torch.device(device)
+        self.scene = self.pose = None
+        return self
+
     def reset(self, scene: Scene, mask: Tensor | None = None) -> None:
         """Put the robots at their starts.
 

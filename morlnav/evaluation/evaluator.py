@@ -1,0 +1,132 @@
+"""Measures a policy over the whole simplex of preferences, while it learns and in the end; in any environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import torch
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torchrl.envs import EnvBase
+
+from morlnav.data.simplex import preference_edges, simplex_grid
+from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
+from morlnav.evaluation.pareto import expected_utility
+from morlnav.evaluation.rollout import discounted_returns
+
+HELD_OUT = 2**31
+"""Episodes of an evaluation are seeded from here on, those of a training below it."""
+
+
+class Evaluation:
+    """Mean returns per preference, and the quality of the front that they make.
+
+    Args:
+        episodes: per preference.
+        steps: preferences are all pairwise interpolations of corners in so many steps.
+        seed: of the episodes, which no training sees.
+        reference: reference point of the hypervolume, a number per reward or by name; ``None`` takes one below the worst
+            that the rewards can add up to.
+        make_env: ``make_env(num_envs=...)`` makes an environment that keeps a preference handed to ``reset``.
+        rewards: names of the entries of the reward, static ones first.
+        num_objectives: entries of λ.
+        reward_bounds: least and largest reward of a step, ``[2, m]``.
+        max_steps: time limit of an episode.
+
+    Raises:
+        ValueError: for numbers out of range, or a reference point that does not fit.
+    """
+
+    def __init__(
+        self,
+        episodes: int = 10,
+        steps: int = 10,
+        seed: int = 12345,
+        reference: Sequence[float] | Mapping[str, float] | None = None,
+        *,
+        make_env: Callable[..., EnvBase],
+        rewards: Sequence[str],
+        num_objectives: int,
+        reward_bounds: Tensor,
+        max_steps: int = 1000,
+    ) -> None:
+        if episodes < 1 or steps < 1 or not 0 <= seed < HELD_OUT:
+            raise ValueError(
+                f"Needed are episodes >= 1, steps >= 1 and 0 <= seed < 2**31, got {episodes}, {steps} and {seed}."
+            )
+        self.episodes, self.steps, self.seed = episodes, steps, seed
+        self.make_env, self.rewards, self.num_objectives, self.max_steps = make_env, tuple(rewards), num_objectives, max_steps
+        self.reference = read_reference(reference, self.rewards, reference_from_bounds(reward_bounds, max_steps))
+
+    @property
+    def objectives(self) -> tuple[str, ...]:
+        """Names of the tuneable entries."""
+        return self.rewards[len(self.rewards) - self.num_objectives :]
+
+    @property
+    def known_reference(self) -> Tensor | None:
+        """The reference point ``[m]``; ``None`` where a reward has no least value and no point was given."""
+        return self.reference if self.reference.isfinite().all() else None
+
+    def preferences(self, steps: int | None = None) -> Tensor:
+        """The evaluated preferences ``[P, n]``."""
+        return preference_edges(self.num_objectives, steps or self.steps)
+
+    def measure(self, policy: nn.Module, episodes: int, steps: int) -> dict[str, float]:
+        """Scalars of a policy that is still learning, on episodes of their own.
+
+        Args:
+            policy: maps observations ``[..., D]`` and preferences ``[..., n]`` to actions.
+            episodes: per preference.
+            steps: of the grid of preferences.
+        """
+        preferences = simplex_grid(self.num_objectives, steps)
+        returns = self._returns(policy, preferences, episodes, self.seed + 1)
+        means = returns.mean(1)
+        metrics = {"expected_utility": expected_utility(means, preferences)}
+        for preference, row in zip(preferences, means.tolist(), strict=True):
+            label = tag(preference, self.objectives)
+            metrics |= {f"return_{name}/{label}": value for name, value in zip(self.rewards, row, strict=True)}
+        return metrics
+
+    def report(self, policy: nn.Module, directory: Path) -> pd.DataFrame:
+        """Measure a trained policy, write ``front.csv``, ``table.md`` and ``front.png``, and return the front."""
+        preferences = self.preferences()
+        returns = self._returns(policy, preferences, self.episodes, self.seed)
+        table = front_table(preferences, returns, self.rewards, self.known_reference)
+        directory.mkdir(parents=True, exist_ok=True)
+        table.to_csv(directory / "front.csv", index=False)
+        shown = table[[name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]]
+        text = f"{_markdown(shown)}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
+        (directory / "table.md").write_text(text + "\n", encoding="utf-8")
+        if self.num_objectives > 1:
+            from morlnav.record.front_plot import plot_front  # loads matplotlib
+
+            plot_front(table).savefig(directory / "front.png", dpi=150)
+        return table
+
+    def _returns(self, policy: nn.Module, preferences: Tensor, episodes: int, seed: int) -> Tensor:
+        env = self.make_env(num_envs=episodes).eval()
+        driver = TensorDictModule(policy, ["observation", "preference"], ["action"])
+        try:
+            return discounted_returns(env, driver, preferences, self.max_steps, seed=HELD_OUT + seed).cpu()
+        finally:
+            env.close()
+
+
+def tag(preference: Tensor, objectives: Sequence[str]) -> str:
+    """A preference as a log names it.
+
+    >>> tag(torch.tensor([0.25, 0.75]), ["demo", "distance"])
+    'demo=0.25,distance=0.75'
+    """
+    return ",".join(f"{name}={value:.4g}" for name, value in zip(objectives, preference.tolist(), strict=True))
+
+
+def _markdown(table: pd.DataFrame) -> str:
+    cells = [[name.removeprefix("lambda_").replace("_", " ") for name in table], ["--:"] * table.shape[1]]
+    cells += [[f"{value:.4g}" for value in row] for row in table.itertuples(index=False)]
+    return "\n".join(f"| {' | '.join(row)} |" for row in cells)

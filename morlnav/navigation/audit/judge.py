@@ -1,0 +1,111 @@
+"""The audit as a stage of a pipeline, and of a reward that is already there."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor, nn
+
+from morlnav.navigation.audit.report import write_audit
+from morlnav.navigation.audit.verdict import Audit, audit_reward
+from morlnav.navigation.evaluation import evaluation_scenes
+from morlnav.navigation.world import Scene, World, without_human
+
+
+class RewardAudit:
+    """Judges a learned reward in the world that it is for, against the demonstrator that it was learned from.
+
+    Args:
+        required: a reward that fails ends the pipeline.
+        scenes: held out, to compare behaviours in.
+        scene_seed: of these scenes.
+        plans: scenes to plan the reward's best path in; 0 plans none.
+        bare: take the boxes out of every second planned scene.
+        world: the engine.
+        sampler: draws the scenes.
+        observe_human: whether the reward sees the human's position.
+        max_steps: time limit of an episode.
+        seed: of noise and bootstrap.
+
+    Raises:
+        ValueError: for numbers out of range.
+    """
+
+    def __init__(
+        self,
+        required: bool = True,
+        num_scenes: int = 100,
+        scene_seed: int = 0,
+        plans: int = 3,
+        bare: bool = False,
+        *,
+        world: World,
+        scenes: Callable[..., Scene],
+        observe_human: bool = True,
+        max_steps: int = 250,
+        seed: int = 0,
+    ) -> None:
+        if num_scenes < 1 or plans < 0 or scene_seed < 0:
+            raise ValueError(
+                f"Needed are num_scenes >= 1, plans >= 0 and scene_seed >= 0, got {num_scenes}, {plans} and {scene_seed}."
+            )
+        self.required, self.num_scenes, self.scene_seed, self.plans, self.bare = (
+            required,
+            num_scenes,
+            scene_seed,
+            plans,
+            bare,
+        )
+        self.world, self.scenes, self.observe_human = world, scenes, observe_human
+        self.max_steps, self.seed = max_steps, seed
+
+    def judge(
+        self,
+        reward: nn.Module,
+        demonstrator: Callable[[Tensor], Tensor],
+        output: Path,
+        *,
+        scale: float = 10.0,
+        offset: float = -1.0,
+        snippet: int = 25,
+    ) -> Audit | None:
+        """Audit a reward, and write the verdict, tables and figures to ``output``.
+
+        Returns:
+            The audit; ``None`` where it was not possible, as the demonstrator arrives nowhere: it is failed then.
+        """
+        settings = {"scale": scale, "offset": offset, "snippet": snippet, "max_steps": self.max_steps}
+        settings |= {"plans": self.plans, "bare": self.bare, "seed": self.seed}
+        try:
+            audit = audit_reward(
+                reward,
+                scenes=evaluation_scenes(self.num_scenes, seed=self.scene_seed, sampler=self.scenes),
+                oracle=self._on_whole_observations(demonstrator),
+                observe_human=self.observe_human,
+                world=self.world,
+                **settings,
+            )
+        except ValueError as error:  # a clone that never arrives cannot stand in for anybody
+            output.mkdir(parents=True, exist_ok=True)
+            (output / "audit.json").write_text(json.dumps({"passed": False, "reasons": [str(error)]}))
+            return None
+        write_audit(audit, output, {"num_scenes": self.num_scenes, "scene_seed": self.scene_seed, **settings})
+        return audit
+
+    def _on_whole_observations(self, policy: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
+        """A network sees what it learned from; a hand-written policy sees the human in any case."""
+        if self.observe_human or not _is_learned(policy):
+            return policy
+        return lambda observation: policy(without_human(observation))
+
+    @staticmethod
+    def read(report: Path) -> dict[str, Any]:
+        """The verdict of :meth:`judge`: ``passed``, ``reasons`` and facts."""
+        return json.loads((report / "audit.json").read_text())
+
+
+def _is_learned(policy: Any) -> bool:
+    return isinstance(policy, nn.Module) and any(True for _ in policy.parameters())

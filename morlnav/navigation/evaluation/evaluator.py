@@ -1,0 +1,175 @@
+"""The evaluation of a navigating policy: social metrics, styles and trajectories besides the front."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+import pandas as pd
+from torch import Tensor, nn
+from torchrl.envs import EnvBase, TransformedEnv
+
+from morlnav.data import simplex_grid
+from morlnav.evaluation import Evaluation, expected_utility, tag
+from morlnav.navigation.envs import NavigationEnv, Objective, Transition
+from morlnav.navigation.evaluation.metrics import episode_metrics
+from morlnav.navigation.evaluation.paths import shortest_path
+from morlnav.navigation.evaluation.references import reference_paths
+from morlnav.navigation.evaluation.report import write_report
+from morlnav.navigation.evaluation.rollout import Rollouts, evaluate_policy, evaluation_scenes
+from morlnav.navigation.evaluation.statistics import RATES, metric_columns, summarise
+from morlnav.navigation.world import Scene
+from morlnav.transforms import DemonstrationReward
+
+
+class NavigationEvaluation(Evaluation):
+    """Drives every preference in the same held-out scenes, side by side, with the robot's true size.
+
+    Args:
+        episodes: scenes per preference.
+        steps: preferences are all pairwise interpolations of corners in so many steps.
+        seed: of the scenes.
+        reference: reference point of the hypervolume, a number per reward or by name.
+        demonstrators: by objective, who drives as demonstrated, to measure Fréchet distances to.
+        make_env: makes an environment as the policy learned in.
+        rewards: names of the entries of the reward.
+        num_objectives: entries of λ.
+        reward_bounds: least and largest reward of a step, ``[2, m]``.
+        max_steps: time limit of an episode.
+    """
+
+    def __init__(
+        self,
+        episodes: int = 100,
+        steps: int = 10,
+        seed: int = 12345,
+        reference: Sequence[float] | Mapping[str, float] | None = None,
+        *,
+        demonstrators: Mapping[str, Callable[[Tensor], Tensor]],
+        make_env: Callable[..., EnvBase],
+        rewards: Sequence[str],
+        num_objectives: int,
+        reward_bounds: Tensor,
+        max_steps: int = 250,
+    ) -> None:
+        super().__init__(
+            episodes,
+            steps,
+            seed,
+            reference,
+            make_env=make_env,
+            rewards=rewards,
+            num_objectives=num_objectives,
+            reward_bounds=reward_bounds,
+            max_steps=max_steps,
+        )
+        self.demonstrators = demonstrators
+
+    @cached_property
+    def env(self) -> NavigationEnv:
+        """The bare environment, whose world and objectives are measured in."""
+        return self._transformed.base_env
+
+    @cached_property
+    def terms(self) -> dict[str, Objective]:
+        """Every entry of the reward as an objective, learned ones too."""
+        return reward_terms(self._transformed)
+
+    @cached_property
+    def _transformed(self) -> TransformedEnv:
+        return self.make_env(num_envs=1).eval()
+
+    def drive(self, policy: nn.Module, scenes: Scene, preferences: Tensor) -> Rollouts:
+        """Episodes ``[P, S]`` of a policy under preferences ``[P, n]``, or schedules ``[P, T, n]``, in scenes ``[S]``."""
+        env = self.env
+        return evaluate_policy(
+            policy,
+            scenes,
+            preferences.to(env.device),
+            world=env.world,
+            objectives=self.terms,
+            observe_human=env.observe_human,
+            max_steps=self.max_steps,
+        )
+
+    def scenes(self, episodes: int | None = None, seed: int | None = None) -> Scene:
+        """Held-out scenes."""
+        return evaluation_scenes(episodes or self.episodes, seed=self.seed if seed is None else seed, sampler=self.env.scenes)
+
+    def references(self, scenes: Scene) -> dict[str, list[Tensor]]:
+        """Each demonstrator's path in each scene, where it can drive there."""
+        paths = {}
+        for name, policy in self.demonstrators.items():
+            try:
+                paths[name] = reference_paths(scenes, policy, world=self.env.world, max_steps=self.max_steps)
+            except ValueError as error:
+                print(f"No Fréchet distances to the demonstration of {name}: {error}")
+        return paths
+
+    def measure(self, policy: nn.Module, episodes: int, steps: int) -> dict[str, float]:
+        """See :meth:`Evaluation.measure`."""
+        scenes, shortest, references = self._fixed(episodes)
+        preferences = simplex_grid(self.num_objectives, steps)
+        rollouts = self.drive(policy, scenes, preferences)
+        frame = episode_metrics(
+            rollouts, self.rewards, world=self.env.world, references=references, shortest=shortest
+        )
+        metrics = frame[[name for names in RATES.values() for name in names]].mean().to_dict()
+        metrics["expected_utility"] = expected_utility(rollouts.reward.sum(2).mean(1).cpu(), preferences)
+        summary = summarise(frame, resamples=2)  # its means alone are wanted
+        for preference, row in zip(preferences, summary.to_dict("records"), strict=True):
+            label = tag(preference, self.objectives)
+            metrics[f"success/{label}"] = row["SR"] / 100
+            metrics |= {f"{name}/{label}": row[name] for name in metric_columns(frame)}
+        return metrics
+
+    def _fixed(self, episodes: int) -> tuple[Scene, Tensor, dict[str, list[Tensor]]]:
+        """Scenes that stay the same while a policy learns, with what is known of them."""
+        if episodes not in self._known:
+            scenes, world = self.scenes(episodes, self.seed + 1), self.env.world
+            shortest = shortest_path(scenes, world.robot.radius, world.human_radius, world.goal_radius)
+            self._known[episodes] = scenes, shortest, self.references(scenes)
+        return self._known[episodes]
+
+    @cached_property
+    def _known(self) -> dict[int, tuple[Scene, Tensor, dict[str, list[Tensor]]]]:
+        return {}
+
+    def report(self, policy: nn.Module, directory: Path) -> pd.DataFrame:
+        """Measure a trained policy, write tables and figures, and return the summary, a row per preference."""
+        scenes = self.scenes()
+        rollouts = self.drive(policy, scenes, self.preferences())
+        return write_report(
+            rollouts,
+            directory,
+            rewards=self.rewards,
+            world=self.env.world,
+            references=self.references(scenes),
+            reference_point=self.reference,
+        )
+
+
+def reward_terms(env: EnvBase) -> dict[str, Objective]:
+    """The entries of an environment's reward as objectives, with what its transforms add."""
+    base = env.base_env if isinstance(env, TransformedEnv) else env
+    terms = dict(base.rewards)
+    for transform in env.transform if isinstance(env, TransformedEnv) else ():
+        if isinstance(transform, DemonstrationReward):
+            items = list(terms.items())
+            items.insert(transform.entry, (transform.name, _Demonstrated(transform, base)))
+            terms = dict(items)
+    return terms
+
+
+class _Demonstrated:
+    """A learned reward as an objective."""
+
+    def __init__(self, transform: DemonstrationReward, env: NavigationEnv) -> None:
+        self.transform, self.env = transform, env
+
+    def __call__(self, transition: Transition) -> Tensor:
+        return self.transform.reward(self.env.seen(transition.observation), transition.action)
+
+    def bounds(self, reach: float) -> tuple[float, float]:
+        return self.transform.bounds()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -12,21 +12,29 @@ from tensordict import TensorDictBase
 from torch import Tensor
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
+from morlnav.evaluation import Evaluation
+from morlnav.objectives.scalarisation import by_name
+
 
 class PeriodicHook(TrainerHookBase):
-    """Base of hooks that act every ``frames`` environment steps, and keep this rhythm in a resumed run.
+    """Base of hooks that act every ``interval`` environment steps, and keep this rhythm in a resumed run.
 
     Args:
-        frames: environment steps between two actions.
+        interval: environment steps between two actions.
+
+    Raises:
+        ValueError: if it is below 1.
     """
 
-    def __init__(self, frames: int) -> None:
-        self.frames, self.last = frames, 0
+    def __init__(self, interval: int) -> None:
+        if interval < 1:
+            raise ValueError(f"interval must be at least 1, got {interval}.")
+        self.interval, self.last = interval, 0
 
     def due(self) -> bool:
         """Whether to act now; if so, the next time is counted from here."""
         frames = self.trainer.collected_frames
-        if frames - self.last < self.frames:
+        if frames - self.last < self.interval:
             return False
         self.last = frames
         return True
@@ -44,28 +52,44 @@ class AnnealDiscount(TrainerHookBase):
     """Raise the discount γ from ``start`` to its final value: ``1 - γ`` falls geometrically, then stays.
 
     A short horizon first teaches to drive to the goal in minutes, the long one then resolves the style objectives
-    (increasing discount factors after François-Lavet et al., 2015).
-
-    The discount is that of the trainer's loss module.
+    (increasing discount factors after François-Lavet et al., 2015). The discount is that of the trainer's loss module.
 
     Args:
         start: discount at the beginning.
-        end: discount from ``frames`` on; one for all, or one per entry of the reward.
-        frames: environment steps over which γ rises.
+        end: final discount: one for all, one per entry of the reward, or by the entry's name, where ``default`` serves
+            those that are not named.
+        fraction: share of the run over which γ rises.
+        rewards: names of the entries of the reward.
+        total_frames: environment steps of the run.
 
     Raises:
-        ValueError: unless ``0 <= start <= end <= 1``.
+        ValueError: unless ``0 <= start <= end <= 1`` and ``0 <= fraction <= 1``, or if an entry has no discount.
 
     Examples:
         >>> AnnealDiscount.at(0.5, start=0.9, end=0.999)
         0.99
+        >>> AnnealDiscount(0.9, {"default": 0.99, "safe": 0.999}, rewards=["fast", "safe"], total_frames=100).ends
+        [0.99, 0.999]
     """
 
-    def __init__(self, start: float, end: float | Sequence[float], frames: int) -> None:
-        self.ends = [end] if isinstance(end, (int, float)) else list(end)
+    def __init__(
+        self,
+        start: float = 0.9,
+        end: float | Sequence[float] | Mapping[str, float] = 0.99,
+        fraction: float = 0.5,
+        *,
+        rewards: Sequence[str],
+        total_frames: int,
+    ) -> None:
+        ends = by_name(end, rewards, "end")
+        self.ends = ends if isinstance(ends, list) else [ends]
         if not all(0 <= start <= value <= 1 for value in self.ends):
-            raise ValueError(f"Discounts need 0 <= gamma_start <= gamma <= 1, got gamma_start={start} and gamma={end}.")
-        self.start, self.frames = start, frames
+            raise ValueError(f"Discounts need 0 <= start <= end <= 1, got start={start} and end={end}.")
+        if len(self.ends) not in (1, len(rewards)):
+            raise ValueError(f"end needs one discount, or one for each of {', '.join(rewards)}; got {len(self.ends)}.")
+        if not 0 <= fraction <= 1:
+            raise ValueError(f"fraction must be between 0 and 1, got {fraction}.")
+        self.start, self.frames = start, int(fraction * total_frames)
 
     @staticmethod
     def at(progress: float, start: float, end: float) -> float:
@@ -82,8 +106,11 @@ class AnnealDiscount(TrainerHookBase):
         gamma.copy_(gamma.new_tensor([self.at(progress, self.start, end) for end in self.ends]).reshape(gamma.shape))
 
     def register(self, trainer: Trainer, name: str = "anneal_discount") -> None:
-        """Register before every round of optimisation steps."""
-        self.trainer = trainer
+        """Give the trainer's loss this discount, and register before every round of optimisation steps."""
+        self.trainer, loss = trainer, trainer.loss_module
+        device = next(loss.parameters()).device
+        loss.make_value_estimator(gamma=self.ends if len(self.ends) > 1 else self.ends[0])
+        loss.value_estimator.to(device)
         trainer.register_op("pre_optim_steps", self)
 
     def state_dict(self) -> dict[str, Any]:
@@ -124,54 +151,60 @@ class StepExploration(TrainerHookBase):
         self.module.load_state_dict(state_dict)
 
 
-class LogEpisodes(TrainerHookBase):
-    """Log finished episodes: return per objective, scalarised return wᵀr as in the trainer's loss, outcomes and length.
+class LogEpisodes(PeriodicHook):
+    """Log finished episodes: return per objective, scalarised return wᵀr as in the trainer's loss, how they ended.
+
+    Entries of a batch that the environment does not write, such as ``outcome``, are left out.
 
     Args:
+        interval: write after at least this many frames, so that the means are of many episodes.
         rewards: names of the reward entries, in order.
-        frames: write after at least this many frames, so that the rates average many episodes.
     """
 
-    def __init__(self, rewards: Sequence[str], frames: int) -> None:
-        self.rewards, self.frames = rewards, frames
+    def __init__(self, interval: int = 2560, *, rewards: Sequence[str]) -> None:
+        super().__init__(interval)
+        self.rewards = rewards
+        self.names: list[str] = []
         self.rows: list[Tensor] = []
-        self.last = 0
 
     def __call__(self, batch: TensorDictBase) -> TensorDictBase:
         """Gather episodes that ended in ``batch``; write their means once enough frames have passed."""
         following = batch.get("next")
-        ended = following.get("done").squeeze(-1)
-        episodes = following[ended]
-        returns = episodes.get("episode_reward")
-        weights = self.trainer.loss_module.scalarisation(episodes.get("preference"), returns.shape[-1])
-        outcome = episodes.get("outcome")
-        self.rows.append(
-            torch.cat(
-                [
-                    returns,
-                    (weights * returns).sum(-1, keepdim=True),
-                    *(outcome.get(name).to(returns.dtype) for name in ("goal", "human", "box")),
-                    (episodes.get("truncated") & ~episodes.get("terminated")).to(returns.dtype),
-                    episodes.get("step_count").to(returns.dtype),
-                ],
-                -1,
-            )
-        )
+        values = self._of(following[following.get("done").squeeze(-1)])
+        self.names = list(values)
+        self.rows.append(torch.stack(list(values.values()), -1))
         frames = self.trainer.collected_frames + batch.numel()
-        if frames - self.last >= self.frames:
+        if frames - self.last >= self.interval:
             self.last = frames
             rows, self.rows = torch.cat(self.rows), []
             if len(rows):
                 self._write(rows.mean(0), frames)
         return batch
 
+    def _of(self, episodes: TensorDictBase) -> dict[str, Tensor]:
+        """What is logged of ended episodes ``[E]``, by name."""
+        values = {}
+        returns = episodes.get("episode_reward", None)
+        if returns is not None:
+            weights = self.trainer.loss_module.scalarisation(episodes.get("preference"), returns.shape[-1])
+            values |= {f"return_{name}": returns[..., i] for i, name in enumerate(self.rewards)}
+            values["return_scalarised"] = (weights * returns).sum(-1)
+        outcome = episodes.get("outcome", None)
+        values |= {} if outcome is None else {f"ended_{name}": flag.squeeze(-1) for name, flag in outcome.items()}
+        if "truncated" in episodes.keys():
+            values["timeout"] = (episodes.get("truncated") & ~episodes.get("terminated")).squeeze(-1)
+        if "step_count" in episodes.keys():
+            values["episode_length"] = episodes.get("step_count").squeeze(-1)
+        return {name: value.float() for name, value in values.items()}
+
     def _write(self, means: Tensor, frames: int) -> None:
-        names = [f"return_{name}" for name in self.rewards]
-        names += ["return_scalarised", "success", "collision_human", "collision_box", "timeout", "episode_length"]
-        metrics = {f"train/{name}": value for name, value in zip(names, means.tolist(), strict=True)}
+        metrics = dict(zip(self.names, means.tolist(), strict=True))
         for name, value in metrics.items():
-            self.trainer.logger.log_scalar(name, value, step=frames)
-        self.trainer._log(success=metrics["train/success"], log_pbar=True)
+            log_scalar(self.trainer, f"train/{name}", value, frames)
+        shown = {"return_scalarised": "return", "ended_goal": "success"}
+        for name, label in shown.items():
+            if name in metrics:
+                self.trainer._pbar_str[label] = metrics[name]
 
     def register(self, trainer: Trainer, name: str = "log_episodes") -> None:
         """Register on collected batches; must come before hooks that drop entries."""
@@ -181,28 +214,28 @@ class LogEpisodes(TrainerHookBase):
 
     def state_dict(self) -> dict[str, Any]:
         """Episodes gathered since the last line, so that a resumed run logs the same numbers."""
-        return {"last": self.last, "rows": torch.cat(self.rows) if self.rows else torch.zeros(0)}
+        return super().state_dict() | {"rows": torch.cat(self.rows) if self.rows else torch.zeros(0)}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Go on gathering."""
-        self.last = state_dict["last"]
+        super().load_state_dict(state_dict)
         self.rows = [state_dict["rows"]] if len(state_dict["rows"]) else []
 
 
 class LogOptimisation(PeriodicHook):
-    """Log losses, gradient norms, angles, γ, learning rates, exploration noise and speeds every ``frames`` frames.
+    """Log losses, gradient norms, what terms report, γ, learning rates, exploration noise and speeds.
 
     Args:
+        interval: frames between two lines.
         rewards: names of the reward entries, in order.
-        frames: distance between two lines.
-        scalars: further values by name, called when a line is due.
+        exploration: the noise; its present factor is its ``sigma``.
     """
 
     def __init__(
-        self, rewards: Sequence[str], frames: int, scalars: Mapping[str, Callable[[], Any]] | None = None
+        self, interval: int = 2560, *, rewards: Sequence[str], exploration: torch.nn.Module | None = None
     ) -> None:
-        super().__init__(frames)
-        self.rewards, self.scalars = rewards, dict(scalars or {})
+        super().__init__(interval)
+        self.rewards, self.exploration = rewards, exploration
         self.clock: tuple[float, int, int] | None = None
 
     def __call__(self, optim_steps: int, losses: TensorDictBase | None) -> None:
@@ -218,17 +251,70 @@ class LogOptimisation(PeriodicHook):
                 metrics |= {f"{key}_{n}": v for n, v in zip(self.rewards, value.tolist(), strict=True)}
             else:
                 metrics[key] = value.item()
-        metrics |= {name: float(read()) for name, read in self.scalars.items()}
+        metrics |= {name: float(value) for name, value in self._state().items()}
         elapsed = now[0] - self.clock[0]
         if elapsed > 0:
             metrics["frames_per_second"] = (frames - self.clock[1]) / elapsed
             metrics["updates_per_second"] = (optim_steps - self.clock[2]) / elapsed
         self.clock = now
         for name, value in metrics.items():
-            self.trainer.logger.log_scalar(f"optim/{name}", value, step=frames)
+            log_scalar(self.trainer, f"optim/{name}", value, frames)
+
+    def _state(self) -> dict[str, Any]:
+        stepper = self.trainer.optimization_stepper
+        state = {"gamma": self.trainer.loss_module.value_estimator.gamma.max()}
+        state |= {f"lr_{name}": optimizer.param_groups[0]["lr"] for name, optimizer in stepper.optimizers.items()}
+        return state | ({"exploration": self.exploration.sigma} if hasattr(self.exploration, "sigma") else {})
 
     def register(self, trainer: Trainer, name: str = "log_optimisation") -> None:
         """Register after every round of optimisation steps."""
         self.trainer = trainer
         trainer.register_op("post_optim_complete_log", self)
         trainer.register_module(name, self)
+
+
+class EvaluatePolicy(PeriodicHook):
+    """Measure the averaged actor on held-out episodes, and log what comes out.
+
+    Args:
+        interval: environment steps between two evaluations.
+        episodes: per preference.
+        steps: of the grid of preferences.
+        evaluation: measures.
+        policy: maps observations and preferences to actions.
+
+    Raises:
+        ValueError: for numbers below 1.
+    """
+
+    def __init__(
+        self,
+        interval: int = 40_000,
+        episodes: int = 12,
+        steps: int = 4,
+        *,
+        evaluation: Evaluation,
+        policy: torch.nn.Module,
+    ) -> None:
+        super().__init__(interval)
+        if episodes < 1 or steps < 1:
+            raise ValueError(f"episodes and steps must be at least 1, got {episodes} and {steps}.")
+        self.episodes, self.steps, self.evaluation, self.policy = episodes, steps, evaluation, policy
+
+    def __call__(self, batch: Any = None) -> None:
+        """Evaluate if it is due."""
+        if self.due():
+            for name, value in self.evaluation.measure(self.policy, self.episodes, self.steps).items():
+                log_scalar(self.trainer, f"evaluation/{name}", value, self.last)
+
+    def register(self, trainer: Trainer, name: str = "evaluate_policy") -> None:
+        """Register after every round of optimisation steps."""
+        self.trainer = trainer
+        trainer.register_op("post_steps", self)
+        trainer.register_module(name, self)
+
+
+def log_scalar(trainer: Trainer, name: str, value: float, frames: int) -> None:
+    """Write one value, if the trainer has a logger."""
+    if trainer.logger is not None:
+        trainer.logger.log_scalar(name, value, step=frames)

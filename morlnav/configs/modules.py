@@ -209,16 +209,6 @@ class EpsilonGreedyNoiseConfig(PartConfig, NetworkConfig):
     _target_: str = "morlnav.modules.EpsilonGreedyNoise"
 
 
-@store("network", "uniform_actions")
-@dataclass
-class UniformActionsConfig(PartConfig, NetworkConfig):
-    """Hydra configuration for :class:`~morlnav.modules.UniformActions`."""
-
-    action_low: list[float] = MISSING
-    action_high: list[float] = MISSING
-    _target_: str = "morlnav.modules.UniformActions"
-
-
 @store("exploration", "wandering_noise")
 @dataclass
 class WanderingNoiseConfig(PartConfig, NetworkConfig):
@@ -246,6 +236,7 @@ class PreferenceInterpolatorConfig(PartConfig):
     values: Any = None
     steps: int = 10
     decay: float = 1.0
+    weights: Any = None
     _target_: str = "morlnav.modules.PreferenceInterpolator"
 
 

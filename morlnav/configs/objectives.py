@@ -29,17 +29,9 @@ class MORLTD3LossConfig(PartConfig, LossConfig):
     noise_clip: float = 0.5
     loss_function: str = "smooth_l1"
     pessimism: float = 1.0
-    delay_actor: bool = True
-    delay_qvalue: bool = True
     scalarisation: Any = None
-    angle: Any = None
-    interpolator: Any = None
+    terms: Any = None
     reward_bounds: Any = None
-    guidance: Any = None
-    separate_losses: bool = False
-    reduction: str | None = None
-    deactivate_vmap: bool = False
-    use_prioritized_weights: Any = "auto"
     _partial_: bool = True
     _target_: str = "morlnav.objectives.MORLTD3Loss"
 
@@ -84,8 +76,10 @@ class LinearScalarisationConfig(PartConfig):
 class AngleTermConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.objectives.AngleTerm`."""
 
-    actor: float = 1.0
+    actor: float = 0.05
     critic: float = 0.0
+    interpolator: Any = None
+    tuneable_only: bool = False
     degrees: bool = False
     eps: float = 1e-6
     _target_: str = "morlnav.objectives.AngleTerm"
@@ -104,10 +98,30 @@ class ClampedAngleTermConfig(AngleTermConfig):
 class GuidanceConfig(PartConfig):
     """Hydra configuration for :class:`~morlnav.objectives.Guidance`."""
 
-    guide: Any = MISSING
-    entry: int | None = 0
     coefficient: float = 0.3
     sharpness: float = 4.0
     margin: float = 0.1
-    proposals: int = 1
     _target_: str = "morlnav.objectives.Guidance"
+
+
+@store("search", "random")
+@dataclass
+class SearchConfig(PartConfig):
+    """Hydra configuration for :class:`~morlnav.objectives.Search`."""
+
+    coefficient: float = 1.0
+    margin: float = -0.05
+    proposals: int = 1
+    _target_: str = "morlnav.objectives.Search"
+
+
+@store("proposals", "critics")
+@dataclass
+class ProposalsConfig(PartConfig):
+    """Hydra configuration for :class:`~morlnav.objectives.Proposals`."""
+
+    search: Any = None
+    guidance: Any = None
+    clones: Any = None
+    objectives: Any = ()
+    _target_: str = "morlnav.objectives.Proposals"

@@ -3,7 +3,7 @@
 from morlnav.modules.afterstate import AfterstateFeatures
 from morlnav.modules.interpolator import PreferenceInterpolator
 from morlnav.modules.networks import Actor, NavigationFeatures, VectorCritic, round_products
-from morlnav.modules.noise import EpsilonGreedyNoise, PartlyGreedyNoise, UniformActions, WanderingNoise
+from morlnav.modules.noise import EpsilonGreedyNoise, PartlyGreedyNoise, WanderingNoise
 from morlnav.modules.oracle import CircumnavigationOracle, Oracle, Plan
 from morlnav.modules.passing import PassingOracle, SlowPassingOracle, WaitingOracle
 from morlnav.modules.reward_file import load_reward, load_weights, read_facts, save_reward, write_facts
@@ -24,7 +24,6 @@ __all__ = [
     "RewardEnsemble",
     "RewardModel",
     "SlowPassingOracle",
-    "UniformActions",
     "VectorCritic",
     "WaitingOracle",
     "WanderingNoise",

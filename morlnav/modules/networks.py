@@ -10,6 +10,8 @@ import torch
 from torch import Tensor, nn
 from torchrl.modules import MLP
 
+from morlnav.objectives.bounds import check_bounds
+
 
 class NavigationFeatures(nn.Module):
     """Bring a raw observation ``[..., 34]`` to numbers of order one, by default ``[..., 68]``.
@@ -93,6 +95,9 @@ class ActionBounds(nn.Module):
         low: least action, length ``A``.
         high: largest action, length ``A``.
 
+    Raises:
+        ValueError: for a bound that is not finite, or a least action that is not below the largest.
+
     Examples:
         >>> ActionBounds([0.0, -3.0], [0.5, 3.0]).to_unit(torch.tensor([0.5, 0.0]))
         tensor([1., 0.])
@@ -102,6 +107,7 @@ class ActionBounds(nn.Module):
         super().__init__()
         self.register_buffer("low", torch.as_tensor(low, dtype=torch.float32))
         self.register_buffer("high", torch.as_tensor(high, dtype=torch.float32))
+        check_bounds(self.low, self.high)
 
     def to_unit(self, action: Tensor) -> Tensor:
         """Actions ``[..., A]`` scaled to ``[-1, 1]``."""

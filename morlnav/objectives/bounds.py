@@ -53,7 +53,7 @@ def action_bounds(
         key: of the action.
 
     Raises:
-        ValueError: for missing, contradictory or empty bounds.
+        ValueError: for missing or contradictory bounds, and as :func:`check_bounds`.
 
     Examples:
         >>> action_bounds(None, (-1.0, 1.0))
@@ -69,6 +69,20 @@ def action_bounds(
         space = action_spec.space  # all environments of a batch share one action space
         bounds = space.low.reshape(-1, space.low.shape[-1])[0], space.high.reshape(-1, space.high.shape[-1])[0]
     low, high = (torch.as_tensor(bound, dtype=torch.get_default_dtype()).clone() for bound in bounds)
+    check_bounds(low, high)
+    return low, high
+
+
+def check_bounds(low: Tensor, high: Tensor) -> None:
+    """That actions can be scaled between a least and a largest one.
+
+    Raises:
+        ValueError: for a bound that is not finite, or a least action that is not below the largest.
+    """
+    if not (low.isfinite().all() and high.isfinite().all()):
+        raise ValueError(
+            f"Action bounds must be finite, got {low.tolist()} to {high.tolist()}: limit the actions to a range, as "
+            "gymnasium.wrappers.RescaleAction does."
+        )
     if (low >= high).any():
         raise ValueError("Every lower action bound must be below the upper one.")
-    return low, high

@@ -17,8 +17,8 @@ from torchrl.objectives import ValueEstimators
 
 from morlnav.data import PreferenceSampler
 from morlnav.envs import NavigationEnv, Objective
-from morlnav.modules import UniformActions, round_products
-from morlnav.objectives import Guidance, MORLTD3Loss
+from morlnav.modules import round_products
+from morlnav.objectives import LossTerm, MORLTD3Loss, Proposals, Search
 from morlnav.trainers.resume import PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
@@ -30,6 +30,7 @@ LOSS_SETTINGS = (
     "scalarisation",
     "guidance",
     "search",
+    "terms",
     "gamma",
     "gamma_start",
     "gamma_fraction",
@@ -153,14 +154,8 @@ def make_loss(
     critics: list[nn.Module],
     clones: Mapping[str, nn.Module] | None = None,
 ) -> MORLTD3Loss:
-    """The loss with its angle term, interpolator, value estimator and guidance by ``clones``, named as objectives."""
-    guides = [_make_guidance(cfg, env, name, clone) for name, clone in (clones or {}).items()]
-    if cfg.loss.get("search") is not None:
-        proposal = TensorDictModule(UniformActions(**bounds_of(env)), ["observation"], ["action"])
-        guides.append(build(cfg.loss.search, guide=proposal))
+    """The loss with its terms and value estimator; ``clones``, named as objectives, guide its actor."""
     settings = [key for key in cfg.loss if key not in LOSS_SETTINGS]
-    if cfg.loss.angle not in cfg.loss.angles:
-        raise ValueError(f"loss.angle must be one of {', '.join(cfg.loss.angles)}, got {cfg.loss.angle}.")
     parameters = {id(parameter): parameter for parameter in actor.parameters()}
     loss = build(
         OmegaConf.masked_copy(cfg.loss, settings),
@@ -171,28 +166,48 @@ def make_loss(
         ],
         action_spec=env.action_spec_unbatched,
         scalarisation=_make_scalarisation(cfg, env),
-        angle=instantiate(cfg.loss.angles[cfg.loss.angle]),
-        interpolator=_make_interpolator(cfg, env),
+        terms=_make_terms(cfg, env, clones or {}),
         reward_bounds=cfg.replay.reward_scale * env.reward_bounds if cfg.loss.get("bounded") else None,
-        guidance=guides,
     )
     loss.make_value_estimator(ValueEstimators.TD0, gamma=final_discount(cfg, env))
     dtype = product_dtype(cfg.trainer.products, env.device)
-    for network in (loss.actor_network, loss.qvalue_network, *guides):
+    for network in (loss.actor_network, loss.qvalue_network, loss.terms):
         round_products(network, dtype)
     return loss.to(env.device)
 
 
-def _make_interpolator(cfg: DictConfig, env: NavigationEnv) -> nn.Module | None:
+def _make_terms(cfg: DictConfig, env: NavigationEnv, clones: Mapping[str, nn.Module]) -> dict[str, LossTerm]:
+    """What the loss holds beyond the scalarised value: proposed actions and the angle, each if the config wants it."""
+    if cfg.loss.angle not in cfg.loss.angles:
+        raise ValueError(f"loss.angle must be one of {', '.join(cfg.loss.angles)}, got {cfg.loss.angle}.")
+    terms: dict[str, LossTerm] = {}
+    if clones or cfg.loss.get("search") is not None:
+        terms["proposals"] = _make_proposals(cfg, env, clones)
+    angle = cfg.loss.angles[cfg.loss.angle]
+    if angle is not None:
+        static = 0 if angle.get("tuneable_only") else env.num_static
+        terms["angle"] = build(angle, interpolator=_make_interpolator(cfg, len(env.objectives), static))
+    return terms | {name: instantiate(node, _convert_="all") for name, node in (cfg.loss.get("terms") or {}).items()}
+
+
+def _make_proposals(cfg: DictConfig, env: NavigationEnv, clones: Mapping[str, nn.Module]) -> Proposals:
+    guides = {name: TensorDictModule(clone, ["observation"], ["action"]) for name, clone in clones.items()}
+    search = cfg.loss.get("search")
+    if search is not None:
+        search = Search(**{key: value for key, value in search.items() if key not in ("_target_", "entry")})
+    return Proposals(search, build(cfg.loss.guidance) if guides else None, guides, env.objectives)
+
+
+def _make_interpolator(cfg: DictConfig, num_objectives: int, num_static: int) -> nn.Module | None:
     node = cfg.loss.get("interpolator")
     if node is None:
         return None
     return instantiate(
         node,
-        num_objectives=len(env.objectives),
-        num_static=env.num_static,
+        num_objectives=num_objectives,
+        num_static=num_static,
         steps=node.get("steps", cfg.evaluation.during.steps),  # every evaluation measures each key
-    ).to(env.device)
+    )
 
 
 def product_dtype(name: str, device: torch.device) -> torch.dtype:
@@ -237,11 +252,6 @@ def _make_scalarisation(cfg: DictConfig, env: NavigationEnv) -> nn.Module:
         if name in node
     }
     return build(node, **named)
-
-
-def _make_guidance(cfg: DictConfig, env: NavigationEnv, name: str, clone: nn.Module) -> Guidance:
-    guide = TensorDictModule(clone.to(env.device), ["observation"], ["action"])
-    return build(cfg.loss.guidance, guide=guide, entry=env.objectives.index(name))
 
 
 def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:

@@ -32,7 +32,7 @@ class EvaluatePolicy(PeriodicHook):
         env: gives the world, the objectives and what is observed.
         scenes: fixed scenes ``[S]``.
         preferences: evaluated preferences ``[P, n]``.
-        loss: its interpolator learns the discounted value vectors, if it has one.
+        loss: its terms learn the discounted value vectors, as an angle's interpolator does.
         frames: environment steps between evaluations.
         max_steps: an episode's time limit.
         references: by objective, a demonstrated path ``[L, 2]`` per scene, to log the Fréchet distance to.
@@ -70,8 +70,8 @@ class EvaluatePolicy(PeriodicHook):
         gamma = self.loss.value_estimator.gamma
         discounts = gamma ** torch.arange(rollouts.reward.shape[2], device=gamma.device).unsqueeze(-1)
         values = (rollouts.reward * discounts).sum(2).mean(1)
-        if self.loss.interpolator is not None:
-            self.loss.interpolator.update(self.preferences, values)
+        for term in self.loss.terms.values():
+            term.update(self.preferences, values)
         for name, value in self._metrics(rollouts, values).items():
             self.trainer.logger.log_scalar(f"evaluation/{name}", value, step=self.last)
 

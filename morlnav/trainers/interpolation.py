@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import torch
 from tensordict import TensorDict
-from torch import Tensor
+from torch import Tensor, nn
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.trainers.trainers import Trainer
 
+from morlnav.evaluation import utility
+from morlnav.objectives import LossTerm
 from morlnav.trainers.hooks import PeriodicHook
 
 
 class FitInterpolator(PeriodicHook):
-    """Measure the value of every key preference by roll-outs, and refit the interpolator of the trainer's loss to them.
+    """Measure the values of an interpolator's key preferences by roll-outs, and refit it to them.
+
+    It serves every term of the trainer's loss that has an ``interpolator``, such as the angle.
 
     Each key is measured by one episode per environment of the batch, driven without exploration noise; its value is
     the mean discounted return vector, with the loss's discount. The expected utility over the keys is logged.
@@ -25,7 +29,7 @@ class FitInterpolator(PeriodicHook):
         max_steps: steps after which a measured episode is cut off.
 
     Raises:
-        ValueError: at registration, if the trainer's loss has no interpolator.
+        ValueError: at registration, if no term of the trainer's loss has an interpolator.
 
     Examples:
         >>> hook = FitInterpolator(env, frames=10_000, max_steps=250)  # doctest: +SKIP
@@ -41,11 +45,11 @@ class FitInterpolator(PeriodicHook):
         if not self.due():
             return
         loss = self.trainer.loss_module
-        keys = loss.interpolator.preferences
-        values = torch.stack([self._value(key) for key in keys])
-        loss.interpolator.update(keys, values)
-        utility = (loss.scalarisation(keys, values.shape[-1]) * values).sum(-1).mean()
-        self.trainer._log(expected_utility=utility.item())
+        for term in _interpolating(loss):
+            keys = term.interpolator.preferences
+            values = torch.stack([self._value(key) for key in keys])
+            term.update(keys, values)
+            self.trainer._log(expected_utility=utility(values, keys, loss.scalarisation).mean().item())
 
     @torch.no_grad()
     def _value(self, preference: Tensor) -> Tensor:
@@ -72,8 +76,13 @@ class FitInterpolator(PeriodicHook):
 
     def register(self, trainer: Trainer, name: str = "fit_interpolator") -> None:
         """Register after every round of optimisation steps."""
-        if getattr(trainer.loss_module, "interpolator", None) is None:
-            raise ValueError("FitInterpolator needs a loss with an interpolator; give the loss one.")
+        if not _interpolating(trainer.loss_module):
+            raise ValueError("FitInterpolator needs a loss with an interpolator; give one of its terms one.")
         self.trainer = trainer
         trainer.register_op("post_steps", self)
         trainer.register_module(name, self)
+
+
+def _interpolating(loss: nn.Module) -> list[LossTerm]:
+    terms = getattr(loss, "terms", {}).values()
+    return [term for term in terms if getattr(term, "interpolator", None) is not None]

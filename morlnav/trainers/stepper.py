@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import optim
 from torchrl.data import PrioritizedSampler
+from torchrl.objectives import TD3Loss
 from torchrl.objectives.utils import TargetNetUpdater
 from torchrl.trainers.algorithms.td3 import TD3OptimizationStepper
 from torchrl.trainers.trainers import Trainer
+
+TD3_KEYS = frozenset(TD3Loss.out_keys)
 
 
 class MORLTD3Stepper(TD3OptimizationStepper):
     """Critics at every step; actor, targets and the averaged actor at every ``policy_update_delay``-th (PD-MORL).
 
     TorchRL's own stepper leaves the targets to a hook that runs after every critic step; here they move with the actor.
-    What it reports is a copy, for a loss compiled with CUDA graphs writes its next results to the same place.
+    What it reports is a copy, for a loss compiled with CUDA graphs writes its next results to the same place. Of the
+    loss it reports the mean of every entry of its ``out_keys`` that TD3 does not have, such as what its terms add.
 
     Args:
         optimizer_actor: optimizer of the actor.
@@ -51,7 +55,7 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         self.average = average
         self.schedulers = list(schedulers)
         self._actor_metrics: dict[str, torch.Tensor] = {
-            key: torch.zeros(()) for key in ("loss_actor", "grad_norm_actor", "angle_actor", "guidance")
+            key: torch.zeros(()) for key in ("loss_actor", "grad_norm_actor")
         }
 
     def state_dict(self) -> dict[str, Any]:
@@ -69,15 +73,17 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         self._actor_metrics = dict(state_dict.get("actor_metrics", self._actor_metrics))
 
     def step(self, trainer: Trainer, sub_batch: TensorDictBase) -> TensorDictBase:
-        """Update on ``sub_batch``; returns losses, gradient norms, angles and mean values per objective."""
+        """Update on ``sub_batch``; returns losses, gradient norms, mean values per objective and further reports."""
         self._update_counter += 1
+        if self._update_counter == 1:  # the actor waits, but every step reports the same entries
+            reported = [key for key in trainer.loss_module.out_keys if key not in TD3_KEYS and key.endswith("_actor")]
+            self._actor_metrics |= {key: torch.zeros(()) for key in reported}
         loss, critic = trainer.compute_loss(sub_batch, method="value_loss")
         gradient = self._apply(trainer, loss, self.optimizer_critic)
         metrics = {"loss_qvalue": loss.detach().clone(), "grad_norm_qvalue": gradient}
         self._step_scheduler(1)
         metrics["pred_value"] = critic["pred_value"].flatten(0, -2).mean(0)
-        if "angle_qvalue" in critic:
-            metrics["angle_qvalue"] = critic["angle_qvalue"].mean()
+        metrics |= self._reports(trainer, critic)
         if isinstance(getattr(trainer.replay_buffer, "sampler", None), PrioritizedSampler):
             sub_batch.set(trainer.loss_module.tensor_keys.priority, critic["td_error"].max(0)[0])
             trainer.replay_buffer.update_tensordict_priority(sub_batch)
@@ -89,12 +95,16 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         loss, actor = trainer.compute_loss(sub_batch, method="actor_loss")
         gradient = self._apply(trainer, loss, self.optimizer_actor)
         metrics = {"loss_actor": loss.detach().clone(), "grad_norm_actor": gradient}
-        metrics |= {key: actor[key].mean() for key in ("angle_actor", "guidance") if key in actor}
+        metrics |= self._reports(trainer, actor)
         self._step_scheduler(0)
         self.target_net_updater.step()
         if self.average is not None:
             self.average.update_parameters(self.actor)
         return metrics
+
+    def _reports(self, trainer: Trainer, metadata: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        reported = [key for key in trainer.loss_module.out_keys if key not in TD3_KEYS]
+        return {key: metadata[key].mean() for key in reported if key in metadata}
 
     def _step_scheduler(self, which: int) -> None:
         if self.schedulers:

@@ -19,7 +19,7 @@ SMALL = [
     "critic.module.num_cells=16",
     "replay.batch_size=32",
     "replay.storage.max_size=1000",
-    "loss.interpolator.steps=2",
+    "loss.terms.angle.interpolator.steps=2",
     "fit_interpolator.frames=100",
     "log_episodes.frames=60",
     "trainer.log_interval=60",
@@ -90,7 +90,7 @@ def test_replay_draws_fresh_preferences_and_keeps_reward_vectors(run):
 
 def test_the_interpolator_was_fitted_and_the_episodes_were_logged(run):
     trainer, _, scalars = run
-    assert trainer.loss_module.interpolator.ready
+    assert trainer.loss_module.terms["angle"].interpolator.ready
     (step, utility), *_ = _read(scalars / "expected_utility.csv")
     assert step == 100
     assert utility != 0

@@ -82,5 +82,9 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("task", nargs="?", default="mo-mountaincarcontinuous-v0")
     parser.add_argument("--frames", type=int, default=40_000)
-    for preference, reward in main(**vars(parser.parse_args())).items():
+    try:
+        learned = main(**vars(parser.parse_args()))
+    except ValueError as error:  # such as actions without bounds
+        raise SystemExit(error) from error
+    for preference, reward in learned.items():
         print(preference, reward)

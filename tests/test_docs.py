@@ -132,7 +132,7 @@ def test_parts_of_ones_own_are_found_by_their_target(words, my_parts):
     actor, critics = make_networks(cfg, env)
     loss = make_loss(cfg, env, TensorDictModule(actor, ["observation", "preference"], ["action"]), critics)
     preferences = make_preferences(cfg, len(env.objectives))
-    parts = [env.world, loss, preferences, *env.rewards.values()]
+    parts = [env.world, loss, *loss.terms.values(), preferences, *env.rewards.values()]
     ours = {f"{type(part).__module__}.{type(part).__name__}" for part in parts}
     named = {target for word in words if (target := word.split("=")[-1]).startswith("my_parts.")}
     assert named <= ours

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from torch import Tensor
+from torch import Tensor, nn
+
+from morlnav.objectives.scalarisation import LinearScalarisation
 
 
 def pareto_mask(points: Tensor) -> Tensor:
@@ -66,12 +68,13 @@ def _volume(gains: np.ndarray) -> float:
     )
 
 
-def expected_utility(returns: Tensor, preferences: Tensor) -> float:
+def expected_utility(returns: Tensor, preferences: Tensor, scalarisation: nn.Module | None = None) -> float:
     """Mean over λ of ``wᵀR(λ)``: what users with these preferences get from the policy conditioned on them.
 
     Args:
         returns: mean return vector of the policy under each preference, ``[P, m]``, static objectives first.
-        preferences: λ, ``[P, n]``, ``n <= m``; the weights are ``w = (1, …, 1, λ)`` (Eq. 2).
+        preferences: λ, ``[P, n]``, ``n <= m``.
+        scalarisation: maps ``(λ, m)`` to weights; by default the paper's ``w = (1, …, 1, λ)`` (Eq. 2).
 
     Raises:
         ValueError: if the shapes do not fit, or a number is not finite.
@@ -87,18 +90,20 @@ def expected_utility(returns: Tensor, preferences: Tensor) -> float:
             f"Preferences need the shape [{len(returns)}, n] with n <= {returns.shape[1]} to fit the returns; "
             f"got {list(preferences.shape)}."
         )
-    return float(utility(returns, preferences).mean())
+    return float(utility(returns, preferences, scalarisation).mean())
 
 
-def utility(returns: Tensor, preferences: Tensor) -> Tensor:
-    """Scalarised returns ``wᵀR`` with ``w = (1, …, 1, λ)`` (Eq. 2): ``[..., m]`` and ``[..., n]`` give ``[...]``.
+def utility(returns: Tensor, preferences: Tensor, scalarisation: nn.Module | None = None) -> Tensor:
+    """Scalarised returns ``wᵀR``: ``[..., m]`` and ``[..., n]`` give ``[...]``.
+
+    The weights are those of ``scalarisation``, by default the paper's ``w = (1, …, 1, λ)`` (Eq. 2).
 
     >>> import torch
     >>> utility(torch.tensor([1.0, 2.0, 4.0]), torch.tensor([0.5, 0.5]))
     tensor(4.)
     """
-    static = returns.shape[-1] - preferences.shape[-1]
-    return returns[..., :static].sum(-1) + (returns[..., static:] * preferences).sum(-1)
+    scalarisation = scalarisation if scalarisation is not None else LinearScalarisation()
+    return (scalarisation(preferences, returns.shape[-1]) * returns).sum(-1)
 
 
 def _check_points(points: Tensor) -> None:

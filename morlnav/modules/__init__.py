@@ -1,13 +1,17 @@
 """Modules: networks, exploration, the preference interpolator and reward models."""
 
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from morlnav.modules.interpolator import PreferenceInterpolator
 from morlnav.modules.networks import Actor, Flat, Perceptron, VectorCritic, round_products
 from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, RewardModel
 from morlnav.modules.saved import load_module, load_weights, read_facts, save_module, write_facts
 
-_NOISE = ("EpsilonGreedyNoise", "PartlyGreedyNoise", "UniformActions")
+if TYPE_CHECKING:
+    from morlnav.modules.interpolator import PreferenceInterpolator
+    from morlnav.modules.noise import EpsilonGreedyNoise, PartlyGreedyNoise
+
+_HOMES = {"EpsilonGreedyNoise": "noise", "PartlyGreedyNoise": "noise", "PreferenceInterpolator": "interpolator"}
 
 __all__ = [
     "Actor",
@@ -19,7 +23,6 @@ __all__ = [
     "PreferenceInterpolator",
     "RewardEnsemble",
     "RewardModel",
-    "UniformActions",
     "VectorCritic",
     "load_module",
     "load_weights",
@@ -31,9 +34,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Exploration stands on TorchRL, which a robot that loads a policy does without."""
-    if name in _NOISE:
-        from morlnav.modules import noise
-
-        return getattr(noise, name)
+    """What stands on TorchRL comes when it is asked for: a robot that loads a policy does without."""
+    if name in _HOMES:
+        return getattr(import_module(f"morlnav.modules.{_HOMES[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

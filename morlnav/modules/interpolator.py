@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import normalize
 
 from morlnav.data.simplex import simplex_grid
+from morlnav.objectives.scalarisation import LinearScalarisation
 
 
 class PreferenceInterpolator(nn.Module):
@@ -17,8 +18,8 @@ class PreferenceInterpolator(nn.Module):
     Each key preference has a key value, the return vector that a policy was measured to reach under it. The directions
     (unit vectors) of these values are interpolated with a linear kernel and a constant, as
     ``scipy.interpolate.RBFInterpolator(kernel="linear")`` does, and the result is normalised again. Before the first
-    :meth:`update` the value of a preference is taken to be its own scalarisation weights ``[1, ..., 1, λ]``, with one
-    leading 1 per static reward.
+    :meth:`update` the value of a preference is taken to be its own scalarisation weights, which are ``[1, ..., 1, λ]``
+    unless others are given.
 
     :meth:`update` keeps the keys current. A measured value that scores higher at a key's weights than the stored one
     replaces it, whichever preference reached it: PD-MORL's ratchet. A ratchet alone remembers one lucky evaluation for
@@ -35,6 +36,8 @@ class PreferenceInterpolator(nn.Module):
         values: key values ``[K, m]``, unscaled; the interpolator is then ready at once.
         steps: steps of the default grid.
         decay: share of its lead that a stored value keeps when it is measured again and not surpassed, in (0, 1].
+        weights: maps preferences ``[..., n]`` and ``m`` to weights ``[..., m]``, such as the loss's scalarisation; by
+            default the paper's ``[1, ..., 1, λ]``.
 
     Raises:
         ValueError: if ``preferences`` or ``values`` have the wrong shape, a key preference occurs twice, ``num_static``
@@ -63,8 +66,9 @@ class PreferenceInterpolator(nn.Module):
         num_static: int = 1,
         preferences: Tensor | Sequence[Sequence[float]] | None = None,
         values: Tensor | Sequence[Sequence[float]] | None = None,
-        steps: int = 10,
-        decay: float = 1.0,
+        steps: int = 4,
+        decay: float = 0.9,
+        weights: Callable[[Tensor, int], Tensor] | None = None,
     ) -> None:
         super().__init__()
         grid = simplex_grid(num_objectives, steps) if preferences is None else torch.as_tensor(preferences)
@@ -79,9 +83,12 @@ class PreferenceInterpolator(nn.Module):
             raise ValueError(f"decay must be above 0 and at most 1, got {decay}.")
         self.num_static = num_static
         self.decay = decay
-        start = self._weights(keys) if values is None else torch.as_tensor(values).detach().to(keys, copy=True)
-        if start.shape != (len(keys), num_static + num_objectives):
-            shape = (len(keys), num_static + num_objectives)
+        self.num_entries = num_static + num_objectives
+        self.weights = weights if weights is not None else LinearScalarisation()
+        own = self.weights(keys, self.num_entries)
+        start = own if values is None else torch.as_tensor(values).detach().to(keys, copy=True)
+        shape = (len(keys), self.num_entries)
+        if start.shape != shape:
             raise ValueError(f"values must have the shape {shape}, got {tuple(start.shape)}.")
         self.register_buffer("preferences", keys)
         self.register_buffer("values", start)
@@ -92,7 +99,7 @@ class PreferenceInterpolator(nn.Module):
     def forward(self, preference: Tensor) -> Tensor:
         """Unit value directions ``[..., m]`` of the preferences ``[..., n]``."""
         direction = self.coefficients[-1] - _distances(preference, self.preferences) @ self.coefficients[:-1]
-        return normalize(torch.where(self.ready, direction, self._weights(preference)), dim=-1)
+        return normalize(torch.where(self.ready, direction, self.weights(preference, self.num_entries)), dim=-1)
 
     @torch.no_grad()
     def update(self, preferences: Tensor, values: Tensor, mask: Tensor | None = None) -> Tensor:
@@ -115,7 +122,7 @@ class PreferenceInterpolator(nn.Module):
             raise ValueError(f"preferences and values must have the shapes [E, {n}] and [E, {m}], got {shapes}.")
         preferences, values = preferences.to(self.preferences), values.to(self.values)
         valid = values.isfinite().all(-1) if mask is None else values.isfinite().all(-1) & mask
-        weights = self._weights(self.preferences)
+        weights = self.weights(self.preferences, self.num_entries)
         scores = (weights @ values.nan_to_num().mT).masked_fill(~valid, -torch.inf)
         score, best = scores.max(-1)
         fresh = values.nan_to_num()[best]
@@ -128,10 +135,6 @@ class PreferenceInterpolator(nn.Module):
         self.ready.logical_or_(valid.any())
         self._fit()
         return raised
-
-    def _weights(self, preference: Tensor) -> Tensor:
-        static = preference.new_ones(*preference.shape[:-1], self.num_static)
-        return torch.cat([static, preference], -1)
 
     def _fit(self) -> None:
         """Solves for the kernel coefficients and the constant; in double precision, which costs nothing here."""

@@ -18,6 +18,9 @@ class ActionBounds(nn.Module):
         low: least action, length ``A``.
         high: largest action, length ``A``.
 
+    Raises:
+        ValueError: for a bound that is not finite, or a least action that is not below the largest.
+
     Examples:
         >>> ActionBounds([0.0, -3.0], [0.5, 3.0]).to_unit(torch.tensor([0.5, 0.0]))
         tensor([1., 0.])
@@ -27,6 +30,7 @@ class ActionBounds(nn.Module):
         super().__init__()
         self.register_buffer("low", torch.as_tensor(low, dtype=torch.float32))
         self.register_buffer("high", torch.as_tensor(high, dtype=torch.float32))
+        check_bounds(self.low, self.high)
 
     def to_unit(self, action: Tensor) -> Tensor:
         """Actions ``[..., A]`` scaled to ``[-1, 1]``."""
@@ -36,6 +40,21 @@ class ActionBounds(nn.Module):
     def to_action(self, unit: Tensor) -> Tensor:
         """Values ``[..., A]`` in ``[-1, 1]`` scaled to actions."""
         return self.low + (unit + 1) * (self.high - self.low) / 2
+
+
+def check_bounds(low: Tensor, high: Tensor) -> None:
+    """That actions can be scaled between a least and a largest one.
+
+    Raises:
+        ValueError: for a bound that is not finite, or a least action that is not below the largest.
+    """
+    if not (low.isfinite().all() and high.isfinite().all()):
+        raise ValueError(
+            f"Action bounds must be finite, got {low.tolist()} to {high.tolist()}: limit the actions to a range, as "
+            "gymnasium.wrappers.RescaleAction does."
+        )
+    if (low >= high).any():
+        raise ValueError("Every lower action bound must be below the upper one.")
 
 
 class Flat(nn.Module):

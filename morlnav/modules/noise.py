@@ -14,26 +14,6 @@ from torchrl.modules import AdditiveGaussianModule
 from morlnav.modules.networks import ActionBounds
 
 
-class UniformActions(ActionBounds):
-    """Actions drawn uniformly within the bounds, whatever is observed.
-
-    Args:
-        action_low: least action, length ``A``.
-        action_high: largest action, length ``A``.
-
-    Examples:
-        >>> UniformActions([0.0, -3.14], [0.5, 3.14])(torch.zeros(7, 34)).shape
-        torch.Size([7, 2])
-    """
-
-    def __init__(self, action_low: Tensor | list[float], action_high: Tensor | list[float]) -> None:
-        super().__init__(action_low, action_high)
-
-    def forward(self, observation: Tensor) -> Tensor:
-        """Actions ``[..., A]`` for observations ``[..., D]``, from torch's global random state."""
-        return self.to_action(2 * torch.rand(*observation.shape[:-1], self.low.numel(), device=self.low.device) - 1)
-
-
 class PartlyGreedyNoise(AdditiveGaussianModule):
     """TorchRL's additive Gaussian noise on the actions of some environments of the batch; the others act greedily.
 

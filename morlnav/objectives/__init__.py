@@ -1,18 +1,33 @@
 """Loss modules."""
 
-from morlnav.objectives.angle import AngleTerm, ClampedAngleTerm
+from morlnav.objectives.bounds import ReturnBounds
 from morlnav.objectives.cloning import BehaviourCloningLoss
-from morlnav.objectives.guidance import Guidance
 from morlnav.objectives.morl_td3 import MORLTD3Loss
 from morlnav.objectives.ranking import RankingLoss
 from morlnav.objectives.scalarisation import LinearScalarisation
+from morlnav.objectives.terms import (
+    Acted,
+    AngleTerm,
+    ClampedAngleTerm,
+    Guidance,
+    Judged,
+    LossTerm,
+    Proposals,
+    Search,
+)
 
 __all__ = [
+    "Acted",
     "AngleTerm",
     "BehaviourCloningLoss",
     "ClampedAngleTerm",
     "Guidance",
+    "Judged",
     "LinearScalarisation",
+    "LossTerm",
     "MORLTD3Loss",
+    "Proposals",
     "RankingLoss",
+    "ReturnBounds",
+    "Search",
 ]

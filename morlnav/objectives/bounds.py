@@ -9,6 +9,8 @@ from tensordict.utils import NestedKey
 from torch import Tensor, nn
 from torchrl.data import Bounded, Composite, TensorSpec
 
+from morlnav.modules.networks import check_bounds
+
 
 class ReturnBounds(nn.Module):
     """Keeps values within what bounded rewards can add up to (Andrychowicz et al. 2017, for every entry of a reward).
@@ -16,25 +18,25 @@ class ReturnBounds(nn.Module):
     An episode may end at any time, so returns lie in ``[min(low, 0), max(high, 0)] / (1 - γ)``.
 
     Args:
-        low: least reward of a step, ``[m]`` or one number; minus infinity where unknown.
-        high: largest reward of a step.
+        reward_bounds: least and largest reward of a step, ``[2, m]`` or two numbers; infinite where unknown.
 
     Raises:
         ValueError: if a least reward is above the largest.
 
     Examples:
-        >>> ReturnBounds(-1.0, [0.0, torch.inf])(torch.tensor([[0.5, 50.0], [-20.0, -20.0]]), torch.tensor(0.9))
+        >>> bounds = ReturnBounds([[-1.0, -1.0], [0.0, torch.inf]])
+        >>> bounds(torch.tensor([[0.5, 50.0], [-20.0, -20.0]]), torch.tensor(0.9))
         tensor([[  0.0000,  50.0000],
                 [-10.0000, -10.0000]])
     """
 
-    def __init__(self, low: Tensor | Sequence[float] | float, high: Tensor | Sequence[float] | float) -> None:
+    def __init__(self, reward_bounds: Tensor | Sequence[Sequence[float]] | tuple[float, float]) -> None:
         super().__init__()
-        least, largest = (torch.as_tensor(bound, dtype=torch.float32) for bound in (low, high))
-        if (least > largest).any():
-            raise ValueError(f"reward_bounds must be (low, high) with low <= high, got {(low, high)}.")
-        self.register_buffer("low", least, persistent=False)
-        self.register_buffer("high", largest, persistent=False)
+        low, high = (torch.as_tensor(bound, dtype=torch.float32) for bound in reward_bounds)
+        if (low > high).any():
+            raise ValueError(f"reward_bounds must be (low, high) with low <= high, got {reward_bounds}.")
+        self.register_buffer("low", low, persistent=False)
+        self.register_buffer("high", high, persistent=False)
 
     def forward(self, value: Tensor, gamma: Tensor) -> Tensor:
         """Values ``[..., m]``, clamped, for discounts ``[m]`` or one."""
@@ -53,7 +55,7 @@ def action_bounds(
         key: of the action.
 
     Raises:
-        ValueError: for missing, contradictory or empty bounds.
+        ValueError: for missing or contradictory bounds, and as :func:`~morlnav.modules.networks.check_bounds`.
 
     Examples:
         >>> action_bounds(None, (-1.0, 1.0))
@@ -69,6 +71,5 @@ def action_bounds(
         space = action_spec.space  # all environments of a batch share one action space
         bounds = space.low.reshape(-1, space.low.shape[-1])[0], space.high.reshape(-1, space.high.shape[-1])[0]
     low, high = (torch.as_tensor(bound, dtype=torch.get_default_dtype()).clone() for bound in bounds)
-    if (low >= high).any():
-        raise ValueError("Every lower action bound must be below the upper one.")
+    check_bounds(low, high)
     return low, high

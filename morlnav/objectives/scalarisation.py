@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -18,24 +18,34 @@ class LinearScalarisation(nn.Module):
         tie_break: added to every scaled entry, or one number for each ``[n]``. A small positive value makes the
             scalarised optimum unique where a preference of zero would leave an objective free (augmented weighted
             sum); 0 is the paper's form.
+        objectives: names of the preference's entries; where they are given, scale and tie break may be mappings from
+            them, in which ``default`` serves those that are not named.
 
     Raises:
-        ValueError: if a scale is not positive or a tie break is negative.
+        ValueError: if a scale is not positive, a tie break is negative, or a mapping does not fit the objectives.
 
     Examples:
         >>> LinearScalarisation()(torch.tensor([0.25, 0.75]), 3)
         tensor([1.0000, 0.2500, 0.7500])
         >>> LinearScalarisation(scale=[0.5, 1.0], tie_break=[0.0, 0.25])(torch.tensor([1.0, 0.0]), 3)
         tensor([1.0000, 0.5000, 0.2500])
+        >>> LinearScalarisation({"default": 1.0, "fast": 0.5}, objectives=["fast", "safe"]).scale
+        tensor([0.5000, 1.0000])
     """
 
     scale: Tensor
     tie_break: Tensor
 
-    def __init__(self, scale: float | Sequence[float] = 1.0, tie_break: float | Sequence[float] = 0.0) -> None:
+    def __init__(
+        self,
+        scale: float | Sequence[float] | Mapping[str, float] = 1.0,
+        tie_break: float | Sequence[float] | Mapping[str, float] = 0.0,
+        objectives: Sequence[str] = (),
+    ) -> None:
         super().__init__()
         for name, value in (("scale", scale), ("tie_break", tie_break)):
-            self.register_buffer(name, torch.as_tensor(value, dtype=torch.float32), persistent=False)
+            value = torch.as_tensor(by_name(value, objectives, name), dtype=torch.float32)
+            self.register_buffer(name, value, persistent=False)
         if (self.scale <= 0).any():
             raise ValueError(f"scale must be positive, got {scale}.")
         if (self.tie_break < 0).any():
@@ -58,3 +68,22 @@ class LinearScalarisation(nn.Module):
                 raise ValueError(f"{name} has {len(value)} entries, the preference {preference.shape[-1]}.")
         ones = preference.new_ones(*preference.shape[:-1], static)
         return torch.cat([ones, self.scale * preference + self.tie_break], -1)
+
+
+def by_name(value: float | Sequence[float] | Mapping[str, float], names: Sequence[str], key: str) -> float | list[float]:
+    """A number, or one for each of ``names``; from a mapping, ``default`` serves the names that it lacks.
+
+    Raises:
+        ValueError: for a name that is none of ``names``, or one without a value.
+
+    Examples:
+        >>> by_name({"default": 1.0, "safe": 2.0}, ["fast", "safe"], "scale"), by_name(3, [], "scale")
+        ([1.0, 2.0], 3.0)
+    """
+    if not isinstance(value, Mapping):
+        return float(value) if isinstance(value, int | float) else list(value)
+    # A recipe may name more than a run has: objectives are chosen by config too.
+    missing = [name for name in names if name not in value and "default" not in value]
+    if missing:
+        raise ValueError(f"{key} names no value for {', '.join(missing)}, and no default.")
+    return [float(value.get(name, value.get("default"))) for name in names]

@@ -1,7 +1,8 @@
 import pytest
 import torch
 
-from morlnav.evaluation import expected_utility, hypervolume, pareto_mask
+from morlnav.evaluation import expected_utility, hypervolume, pareto_mask, utility
+from morlnav.objectives import LinearScalarisation
 
 
 def test_dominated_points_are_filtered_and_equal_ones_kept():
@@ -44,6 +45,13 @@ def test_expected_utility_by_hand():
     returns = torch.tensor([[100.0, -10.0, -50.0], [80.0, -30.0, -20.0]])
     preferences = torch.tensor([[1.0, 0.0], [0.25, 0.75]])
     assert expected_utility(returns, preferences) == pytest.approx(((100 - 10) + (80 - 7.5 - 15)) / 2)
+
+
+def test_utility_may_weigh_as_the_learner_does():
+    returns, preferences = torch.tensor([[100.0, -10.0, -50.0]]), torch.tensor([[0.25, 0.75]])
+    learners = LinearScalarisation(scale=[2.0, 1.0], tie_break=[0.0, 0.25])
+    assert utility(returns, preferences, learners).item() == pytest.approx(100 - 10 * 0.5 - 50 * 1.0)
+    assert expected_utility(returns, preferences, learners) == pytest.approx(45)
 
 
 def test_wrong_shapes_are_explained():

@@ -7,6 +7,7 @@ from torch.nn.functional import normalize
 
 from morlnav.data import UniformPreferences, preference_edges, simplex_grid
 from morlnav.modules.interpolator import PreferenceInterpolator
+from morlnav.objectives import LinearScalarisation
 
 CORNERS = torch.eye(2)
 VALUES = torch.tensor([[5.0, -2.0, -9.0], [5.0, -9.0, -2.0]])
@@ -54,6 +55,18 @@ def test_directions_keep_the_sign_of_costs(interpolator):
     between = interpolator(torch.tensor([0.5, 0.5]))
     assert (between.sign() == torch.tensor([1.0, -1.0, -1.0])).all()
     torch.testing.assert_close(between[1], between[2])
+
+
+def test_keys_may_be_ranked_by_the_weights_of_the_learner():
+    learners = LinearScalarisation(scale=[1.0, 4.0])
+    slow, fast = torch.tensor([9.0, -1.0, -4.0]), torch.tensor([7.0, -4.0, -2.0])
+    for weights, kept in ((None, slow), (learners, fast)):  # 6.5 against 4, and 0.5 against 1
+        key = PreferenceInterpolator(2, preferences=[[0.5, 0.5]], weights=weights)
+        expected = torch.tensor([1.0, 0.5, 0.5 if weights is None else 2.0])
+        torch.testing.assert_close(key.values[0], expected)
+        torch.testing.assert_close(key(key.preferences)[0], normalize(expected, dim=-1))
+        key.update(torch.tensor([[0.4, 0.6], [0.6, 0.4]]), torch.stack([slow, fast]))
+        torch.testing.assert_close(key.values[0], kept)
 
 
 @pytest.mark.parametrize("shape", [(3,), (7, 3), (2, 5, 3), (0, 3)], ids=str)

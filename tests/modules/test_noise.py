@@ -11,7 +11,7 @@ from torchrl.data import Bounded
 from torchrl.envs import Compose, InitTracker, StepCounter, TransformedEnv, set_exploration_type
 from torchrl.envs.utils import ExplorationType
 
-from morlnav.modules import Actor, EpsilonGreedyNoise, PartlyGreedyNoise, UniformActions
+from morlnav.modules import Actor, EpsilonGreedyNoise, PartlyGreedyNoise
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes
 from morlnav.navigation.modules import WanderingNoise
@@ -186,15 +186,6 @@ def test_wandering_needs_an_observation_and_sensible_numbers():
     for wrong in ({"courses": 1.1}, {"spread": -1.0}, {"step_time": 0.0}):
         with pytest.raises(ValueError, match=r"^Wandering needs"):
             WanderingNoise(1.0, LOW, HIGH, **wrong)
-
-
-def test_uniform_actions_fill_the_bounds_whatever_is_seen():
-    torch.manual_seed(0)
-    actions = UniformActions([0.0, -3.0], [0.5, 3.0])(torch.zeros(2, 500, 34)).flatten(0, 1)
-    low, high = torch.tensor([0.0, -3.0]), torch.tensor([0.5, 3.0])
-    assert ((low <= actions) & (actions <= high)).all()
-    torch.testing.assert_close(actions.mean(0), (low + high) / 2, atol=0.2, rtol=0)
-    torch.testing.assert_close(actions.std(0), (high - low) / 12**0.5, atol=0.1, rtol=0)
 
 
 @pytest.mark.parametrize(("greedy", "quiet"), [(0.0, 0), (0.25, 2), (0.5, 4), (1.0, 8)])

@@ -110,22 +110,25 @@ def test_demonstrations_without_the_human_cannot_fill_the_replay_buffer(tmp_path
         run(configure(*words), tmp_path / "run")
 
 
-def guidance_of(directory, *words):
-    return trainer_for(configure(*words), directory).loss_module.guidance
+def terms_of(directory, *words):
+    return trainer_for(configure(*words), directory).loss_module.terms
 
 
 def test_a_clone_guides_the_actor_and_a_search_may_stand_beside_it(demonstration_run, tmp_path):
     _, directory = demonstration_run
     shared = [*SMALL, f"cache={directory / 'cache'}", f"objectives.demo.reward.path={directory / 'run' / 'reward.pt'}"]
-    clone, search = guidance_of(tmp_path / "both", *shared)
-    assert (clone.entry, search.entry) == (0, None)
-    assert clone.guide.module.num_preferences == 0
-    (clone,) = guidance_of(tmp_path / "guided", *shared, "loss.search=null")
-    assert clone.entry == 0
+    proposals = terms_of(tmp_path / "both", *shared)["proposals"]
+    assert proposals.entries == {"demo": 0}
+    assert proposals.clones["demo"].module.num_preferences == 0
+    assert proposals.search is not None
+    proposals = terms_of(tmp_path / "guided", *shared, "loss.search=null")["proposals"]
+    assert proposals.entries == {"demo": 0}
+    assert proposals.search is None
     for number, words in enumerate([(*shared, "loss.guidance=null"), ("recipe=analytical",)]):
-        (search,) = guidance_of(tmp_path / f"without_{number}", *words)
-        assert search.entry is None
-    assert len(guidance_of(tmp_path / "neither", "recipe=analytical", "loss.search=null")) == 0
+        proposals = terms_of(tmp_path / f"without_{number}", *words)["proposals"]
+        assert len(proposals.clones) == 0
+        assert proposals.search is not None
+    assert list(terms_of(tmp_path / "neither", "recipe=analytical", "loss.search=null")) == ["angle"]
 
 
 def test_a_reward_is_not_normalised_by_noisy_roll_outs(demonstration_run, tmp_path):

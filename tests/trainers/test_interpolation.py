@@ -27,7 +27,7 @@ def make_trainer(interpolator):
         VectorCritic(3, 2, depth=1, **BOUNDS), ["observation", "preference", "action"], ["state_action_value"]
     )
     spec = NavigationEnv().action_spec
-    loss = MORLTD3Loss(actor, critic, action_spec=spec, interpolator=interpolator)
+    loss = MORLTD3Loss(actor, critic, action_spec=spec, terms={"angle": AngleTerm(interpolator=interpolator)})
     loss.make_value_estimator(gamma=0.9)
     with torch.no_grad():  # drives forward at 0.35 m/s, so that episodes end in contact or at their time limit
         loss.actor_network_params["module", "mlp", "2", "bias"].copy_(torch.tensor([0.4, 0.0]))
@@ -58,8 +58,9 @@ def test_a_key_gets_the_mean_discounted_return_of_its_episodes(key):
             td = env.step(loss.actor_network(td))["next"]
         total += running * 0.9**step * td["reward"]
         running = running * ~td["done"]
-    torch.testing.assert_close(loss.interpolator.values, total.mean(0, keepdim=True))
-    assert loss.interpolator.ready
+    interpolator = loss.terms["angle"].interpolator
+    torch.testing.assert_close(interpolator.values, total.mean(0, keepdim=True))
+    assert interpolator.ready
     utility = (torch.tensor([1.0, *key]) * total.mean(0)).sum().item()
     assert trainer.logged["expected_utility"] == pytest.approx(utility, rel=1e-5)
 
@@ -69,7 +70,7 @@ def test_it_waits_until_enough_frames_have_passed():
     hook = FitInterpolator(make_env(), frames=101, max_steps=50)
     hook.register(trainer)
     hook()
-    assert not trainer.loss_module.interpolator.ready
+    assert not trainer.loss_module.terms["angle"].interpolator.ready
 
 
 def test_a_loss_without_an_interpolator_is_refused_in_one_sentence():

@@ -105,11 +105,11 @@ def test_another_recording_in_the_same_place_is_another_stage(tmp_path):
 def test_every_clone_guides_toward_its_own_corner(many, tmp_path):
     _, directory = many
     cfg = load_config(directory / "run")
-    *guidance, search = trainer_for(cfg, tmp_path).loss_module.guidance
-    assert [guide.entry for guide in guidance] == [0, 1, 2]
-    assert search.entry is None
-    proposals = [guide.guide.module(torch.ones(1, 34)) for guide in guidance]
-    assert not torch.equal(proposals[0], proposals[1])
+    term = trainer_for(cfg, tmp_path).loss_module.terms["proposals"]
+    assert sorted(term.entries.values()) == [0, 1, 2]
+    assert all(cfg.objectives[name] is not None for name in term.entries)
+    first, second, _ = (clone.module(torch.ones(1, 34)) for clone in term.clones.values())
+    assert not torch.equal(first, second)
 
 
 def test_a_style_is_trained_with_the_offset_of_its_own_ranking(many):

@@ -19,7 +19,7 @@ from morlnav.data import PreferenceSampler
 from morlnav.envs import NavigationEnv, Objective
 from morlnav.modules import UniformActions, round_products
 from morlnav.objectives import Guidance, MORLTD3Loss
-from morlnav.trainers.resume import PickleFreeReplayBuffer
+from morlnav.trainers.resume import FilledRows, PickleFreeReplayBuffer
 from morlnav.transforms import DrawPreference
 
 LOSS_SETTINGS = (
@@ -256,4 +256,5 @@ def make_replay(cfg: DictConfig, num_objectives: int) -> PickleFreeReplayBuffer:
         batch_size=cfg.trainer.batch_size,
         transform=Compose(relabel, scale),
         generator=generator,
+        checkpointer=FilledRows(),
     )

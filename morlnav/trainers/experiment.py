@@ -16,7 +16,7 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import nn
 from torch.optim.lr_scheduler import LambdaLR
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
-from torchrl.checkpoint import Checkpoint, CheckpointRotation, GlobalRNGState
+from torchrl.checkpoint import CheckpointRotation, GlobalRNGState
 from torchrl.collectors import BaseCollector
 from torchrl.data import ReplayBuffer
 from torchrl.envs import TransformedEnv
@@ -38,6 +38,7 @@ from morlnav.trainers.builders import (
     make_preferences,
     make_replay,
 )
+from morlnav.trainers.checkpoint import ListedCheckpoint
 from morlnav.trainers.drex import make_demonstrations, train_clone
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
@@ -82,7 +83,7 @@ def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
         progress_bar=settings.progress_bar,
         log_interval=2**62,  # our hooks write the logs
         auto_log_optim_steps=False,
-        checkpoint=Checkpoint(rng=GlobalRNGState(), average=stepper.average, **rollout),
+        checkpoint=ListedCheckpoint(rng=GlobalRNGState(), average=stepper.average, **rollout),
         checkpoint_rotation=CheckpointRotation(directory / "checkpoints", keep_last=settings.checkpoint.keep_last),
         save_trainer_interval=settings.checkpoint.interval,
     )

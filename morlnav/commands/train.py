@@ -23,8 +23,8 @@ from morlnav.commands.evaluate import evaluate_run
 from morlnav.deployment import policy as policies
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
+from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.drex import learn_demonstration_rewards
-from morlnav.trainers.resume import load_checkpoint
 from morlnav.trainers.workers import watched
 
 
@@ -45,7 +45,7 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     torch.manual_seed(cfg.seed)
     trainer = make_trainer(cfg, directory, logger)
     if checkpoint is not None:
-        load_checkpoint(trainer, checkpoint)
+        checkpoint = load_checkpoint(trainer, checkpoint)
         print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
         if cfg.trainer.progress_bar:
             trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
@@ -110,14 +110,10 @@ def _check_device(device: str) -> None:
 
 
 def _checkpoint_of(path: Path) -> Path:
-    from torchrl.checkpoint import Checkpoint, CheckpointRotation
-
-    if Checkpoint.is_checkpoint(path):
-        return path
-    latest = CheckpointRotation(path / "checkpoints", keep_last=1).latest() if path.is_dir() else None
-    if latest is None:
+    checkpoints = find_checkpoints(path)
+    if not checkpoints:
         raise FileNotFoundError(f"resume={path}: no checkpoint there; give a run directory that holds checkpoints/.")
-    return latest
+    return checkpoints[-1]
 
 
 def _versions() -> dict[str, str]:

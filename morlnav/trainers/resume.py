@@ -1,4 +1,4 @@
-"""Checkpoints that continue bit for bit, and that run no code when they are loaded."""
+"""What a checkpoint holds so that a run continues bit for bit: of the replay buffer, and of unfinished episodes."""
 
 from __future__ import annotations
 
@@ -6,33 +6,71 @@ from pathlib import Path
 from typing import Any
 
 from tensordict import TensorDict
+from torchrl.checkpoint import StateDictCheckpointAdapter
 from torchrl.collectors import Collector
-from torchrl.data import TensorDictReplayBuffer
-from torchrl.trainers.trainers import Trainer
+from torchrl.data import TensorDictReplayBuffer, TensorStorage
+from torchrl.data.replay_buffers import TensorStorageCheckpointer
+
+
+class FilledRows(TensorStorageCheckpointer):
+    """Write the rows that a storage holds, where TorchRL writes its whole capacity.
+
+    Examples:
+        >>> import tempfile
+        >>> from torchrl.data import LazyTensorStorage
+        >>> written, read = LazyTensorStorage(1000), LazyTensorStorage(1000)
+        >>> written.checkpointer = read.checkpointer = FilledRows()
+        >>> written.set(range(3), TensorDict(reward=[1.0, 2.0, 3.0], batch_size=3))
+        >>> folder = Path(tempfile.mkdtemp())
+        >>> written.dumps(folder)
+        >>> (folder / "reward.memmap").stat().st_size  # bytes
+        12
+        >>> read.loads(folder)
+        >>> read[:]["reward"]
+        tensor([1., 2., 3.])
+    """
+
+    def dumps(self, storage: TensorStorage, path: str | Path) -> None:
+        """Write the rows ``[0, len(storage))``."""
+        storage[:].memmap(path, copy_existing=True)
+
+    def loads(self, storage: TensorStorage, path: str | Path) -> None:
+        """Put the rows back where they were.
+
+        Raises:
+            ValueError: if there are more of them than the storage can hold.
+        """
+        rows = TensorDict.load_memmap(path)
+        if len(rows) > storage.max_size:
+            raise ValueError(f"it holds {len(rows)} transitions; expected a replay.capacity of at least as many")
+        storage.set(slice(0, len(rows)), rows, set_cursor=False)
+        storage._len = len(rows)
 
 
 class PickleFreeReplayBuffer(TensorDictReplayBuffer):
-    """A replay buffer that saves no pickles: no prefetched batches, and tensors only in its storage.
+    """A replay buffer that saves no pickles: no prefetched batches, and no ``torch.save`` of its transforms.
 
     Arguments as for :class:`torchrl.data.TensorDictReplayBuffer`.
     """
+
+    def dumps(self, path: str | Path) -> None:
+        """Write rows, counters, random state and transforms into a folder."""
+        super().dumps(path)
+        (Path(path) / "transform.t").unlink(missing_ok=True)
+        StateDictCheckpointAdapter().save(self.transform, Path(path) / "transform", args=(), kwargs={})
+
+    def loads(self, path: str | Path) -> None:
+        """Continue where :meth:`dumps` left off."""
+        super().loads(path)
+        StateDictCheckpointAdapter().load(
+            self.transform, Path(path) / "transform", map_location="cpu", tensor_load_kwargs={}, args=(), kwargs={}
+        )
 
     def _dump_prefetch_state(self, path: Path, prefetch_state: dict[str, Any]) -> None:
         pass
 
     def _load_prefetch_state(self, path: Path) -> None:
         pass
-
-
-def load_checkpoint(trainer: Trainer, path: str | Path) -> None:
-    """Put a trainer where a checkpoint left off.
-
-    Raises:
-        ValueError: if the checkpoint holds a pickle, which TorchRL or tensordict might run.
-    """
-    if pickled := next((file for file in Path(path).rglob("*") if file.suffix in (".pickle", ".pkl")), None):
-        raise ValueError(f"{pickled} is a pickle, which no checkpoint of morlnav holds; nothing was loaded.")
-    trainer.load_from_file(path)
 
 
 class RolloutState:

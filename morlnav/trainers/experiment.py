@@ -49,8 +49,8 @@ REPLAY_KEYS = ("observation", "preference", "action")
 REPLAY_NEXT_KEYS = ("observation", "preference", "reward", "done", "terminated")
 
 
-def make_trainer(cfg: DictConfig, directory: Path, logger: Logger) -> Trainer:
-    """Everything wired to TorchRL's trainer; ``directory`` receives checkpoints.
+def make_trainer(cfg: DictConfig, directory: Path, logger: Logger | None) -> Trainer:
+    """Everything wired to TorchRL's trainer; ``directory`` receives checkpoints. The logger may be set later.
 
     Raises:
         ValueError: if the numbers in the config contradict each other.

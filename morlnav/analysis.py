@@ -196,9 +196,10 @@ def _differences(runs: dict[str, Path]) -> pd.DataFrame:
 
 
 def flat_settings(cfg: DictConfig, run: Path, resolve: bool = True) -> dict[str, object]:
-    """The config values of a run by their dotted names; where it went on and its own directory are no settings."""
+    """The config values of a run by their dotted names; where and how it went on is no setting, nor is its place."""
     flat = pd.json_normalize(OmegaConf.to_container(cfg, resolve=resolve)).to_dict("records")[0]
     flat.pop("resume", None)
+    flat.pop("trust", None)
     own = f"{run}{os.sep}"
     return {
         key: str(value).removeprefix(own) if isinstance(value, str | list | dict) else value

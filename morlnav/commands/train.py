@@ -15,16 +15,28 @@ from pathlib import Path
 import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.utils import env_override
 from omegaconf import DictConfig, OmegaConf
+from torchrl.checkpoint import CheckpointError
+from torchrl.trainers import Trainer
 
-from morlnav.analysis import flat_settings, load_fronts
+from morlnav import policy as policies
+from morlnav.analysis import load_fronts
 from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet, set_threads, stage
 from morlnav.commands.evaluate import evaluate_run
 from morlnav.deployment import policy as policies
 from morlnav.record.loggers import TensorboardCSVLogger
+from morlnav.resuming import resumed_words
+from morlnav.settings import (
+    refuse_another_run,
+    refuse_new_defaults,
+    refuse_to_change_a_finished_run,
+    refuse_what_does_not_fit,
+)
 from morlnav.trainers import make_trainer
-from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
-from morlnav.trainers.drex import learn_demonstration_rewards
+from morlnav.trainers.drex import learn_demonstration_rewards, use_kept_rewards, use_own_offsets
+from morlnav.trainers.resume import load_checkpoint
+from morlnav.trainers.run_directory import remove_leftovers, reserved
 from morlnav.trainers.workers import watched
 
 
@@ -34,22 +46,53 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
     checkpoint = None if cfg.resume is None else _checkpoint_of(Path(cfg.resume))
     keep_freed_memory()
     set_threads(cfg.threads)
-    torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
-    directory.mkdir(parents=True, exist_ok=True)
-    logger = TensorboardCSVLogger("logs", directory)
-    learn_demonstration_rewards(cfg, directory, logger)
-    if checkpoint is not None and (directory / policies.CONFIG_FILE).is_file():
-        _check_settings(cfg, directory)
-    _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
-    OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
-    torch.manual_seed(cfg.seed)
-    trainer = make_trainer(cfg, directory, logger)
-    if checkpoint is not None:
-        checkpoint = load_checkpoint(trainer, checkpoint)
-        print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
-        if cfg.trainer.progress_bar:
-            trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
+    with reserved(directory):
+        return _train(cfg, directory, _begin(cfg, directory, checkpoint))
 
+
+def _begin(cfg: DictConfig, directory: Path, checkpoint: Path | None) -> Trainer:
+    """A trainer at its start, or where a checkpoint left it; nothing is written until a resumed one is there."""
+    composed, resumed = OmegaConf.to_yaml(cfg), checkpoint is not None
+    use_own_offsets(cfg)
+    if not resumed:
+        refuse_another_run(cfg, directory)
+    torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
+    if resumed:
+        use_kept_rewards(cfg, directory)
+        if (directory / policies.CONFIG_FILE).is_file():
+            refuse_new_defaults(cfg, directory)
+        torch.manual_seed(cfg.seed)
+        trainer = make_trainer(cfg, directory, None)
+        _continue(trainer, cfg, directory, checkpoint)
+        trainer.logger = TensorboardCSVLogger("logs", directory)
+    else:
+        logger = TensorboardCSVLogger("logs", directory)
+        learn_demonstration_rewards(cfg, directory, logger)
+        torch.manual_seed(cfg.seed)
+        trainer = make_trainer(cfg, directory, logger)
+    remove_leftovers(directory)
+    _keep_versions(directory / "versions.json", resumed)
+    OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
+    _keep_words(directory / ".hydra", composed)
+    return trainer
+
+
+def _continue(trainer: Trainer, cfg: DictConfig, directory: Path, checkpoint: Path) -> None:
+    try:
+        load_checkpoint(trainer, checkpoint)
+        if trainer.collected_frames >= trainer.total_frames and (directory / policies.CONFIG_FILE).is_file():
+            refuse_to_change_a_finished_run(cfg, directory)
+    except BaseException as error:
+        trainer.collector.shutdown()  # or its workers would stay
+        if isinstance(error, CheckpointError) and (directory / policies.CONFIG_FILE).is_file():
+            refuse_what_does_not_fit(cfg, directory, error)
+        raise
+    print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
+    if cfg.trainer.progress_bar:
+        trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
+
+
+def _train(cfg: DictConfig, directory: Path, trainer: Trainer) -> str | None:
     interrupted = False
 
     def stop(*_: object) -> None:
@@ -79,27 +122,6 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
         table = evaluate_run(directory, trust=True)
     print(f"{table}\nEverything is in {directory}")
     return table
-
-
-def _check_settings(cfg: DictConfig, directory: Path) -> None:
-    """Nothing that the command line does not name may differ from what the run began with, as a new default would."""
-    words = HydraConfig.get().overrides.task if HydraConfig.initialized() else []
-    named = [word.lstrip("+~").split("=")[0] for word in words]
-    began = flat_settings(OmegaConf.load(directory / policies.CONFIG_FILE), directory)
-    now, written = (flat_settings(cfg, directory, resolve) for resolve in (True, False))
-    changed = [
-        f"{key}: {began.get(key, 'nothing')} then, {value} now"
-        for key, value in now.items()
-        if began.get(key, "nothing") != value
-        and "${" not in str(written[key])  # what it refers to is compared
-        and not key.endswith(".reward.path")  # the run may have been moved
-        and not any(key == name or ("." in name and key.startswith(f"{name}.")) for name in named)
-    ]
-    if changed:
-        raise ValueError(
-            f"resume={cfg.resume}: defaults have changed since the run began ({'; '.join(changed)}); name these values "
-            f"on the command line to go on."
-        )
 
 
 def _check_device(device: str) -> None:
@@ -141,6 +163,16 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     path.write_text(json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
 
 
+def _keep_words(folder: Path, composed: str) -> None:
+    """What Hydra writes before a run has begun, written once it has; only if Hydra was told to leave that to us."""
+    if not HydraConfig.initialized() or HydraConfig.get().output_subdir is not None:
+        return
+    folder.mkdir(exist_ok=True)
+    (folder / "config.yaml").write_text(composed)
+    (folder / "hydra.yaml").write_text(OmegaConf.to_yaml(OmegaConf.create({"hydra": HydraConfig.get()})))
+    (folder / "overrides.yaml").write_text(OmegaConf.to_yaml(HydraConfig.get().overrides.task))
+
+
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
     directory = Path(HydraConfig.get().runtime.output_dir)
@@ -149,38 +181,22 @@ def _main(cfg: DictConfig) -> float:
     return float(load_fronts(directory)["expected_utility"].iloc[0])  # what a sweeper may maximise
 
 
-def _folders_of_configs(path: Path) -> list[str]:
-    """The words that named other folders of configs when a run began; Hydra does not count them as its overrides."""
-    if not path.is_file():
-        return []
-    settings = OmegaConf.load(path).hydra
-    folders = [source.path for source in settings.runtime.config_sources if source.provider == "command-line"]
-    searched = [word for word in settings.overrides.hydra if word.startswith("hydra.searchpath=")]
-    return [*(word for folder in folders for word in ("--config-dir", folder)), *searched]
-
-
 def main() -> None:
     """Entry point; ``resume=DIR`` continues there, with the overrides and config folders that it began with."""
     quiet()
-    sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder
     # Under `uv run` Ray would give every worker an environment and a copy of this folder of its own.
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
-    resume = [word.split("=", 1)[1].strip("'\"") for word in sys.argv[1:] if word.startswith("resume=")]
-    if resume:
-        directory = Path(resume[-1])
-        directory = directory.parent.parent if directory.parent.name == "checkpoints" else directory
-        overrides = directory / ".hydra" / "overrides.yaml"
-        if not overrides.is_file():
-            sys.exit(f"resume={resume[-1]}: no run of morlnav-train there.")
-        words = [*_folders_of_configs(overrides.with_name("hydra.yaml")), *OmegaConf.load(overrides), *sys.argv[1:]]
-        words = [word for word in words if not word.startswith("resume=")]
-        # Quoted, for a directory may have "=" and "," in its name.
-        sys.argv[1:] = [*words, f"resume='{resume[-1]}'", f"hydra.run.dir='{directory}'"]
     if "HYDRA_FULL_ERROR" in os.environ:  # a developer wants the traceback
-        return _main()
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us instead of Hydra's own report
-    with one_sentence_errors():
-        _main()
+        return _run_words()
+    with env_override({"HYDRA_FULL_ERROR": "1"}), one_sentence_errors():  # errors reach us instead of Hydra's report
+        _run_words()
+
+
+def _run_words() -> None:
+    sys.argv[1:], own_classes = resumed_words(sys.argv[1:])
+    if own_classes:
+        sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder
+    _main()
 
 
 if __name__ == "__main__":

@@ -10,14 +10,11 @@ from omegaconf import OmegaConf
 from support import BRIEF, configure, trainer_for
 
 from morlnav import load
-from morlnav.commands import audit as audit_command
-from morlnav.commands.train import run
-from morlnav.deployment.policy import check_targets, load_config
-from morlnav.modules import read_facts
-from morlnav.navigation.demonstrations import load_demonstrations, record_demonstrations, save_demonstrations
-from morlnav.navigation.modules import CircumnavigationOracle, PassingOracle
-from morlnav.navigation.world import SceneSampler, TensorWorld
-from morlnav.trainers.drex import judge_clone, learn_demonstration_rewards, make_demonstrations, stage_directory
+from morlnav.data import load_demonstrations, record_demonstrations, save_demonstrations
+from morlnav.modules import CircumnavigationOracle, PassingOracle, read_facts
+from morlnav.policy import check_targets, load_config
+from morlnav.train import run
+from morlnav.trainers.drex import judge_clone, make_demonstrations, stage_directory, use_own_offsets
 from morlnav.trainers.styles import (
     demonstrated_objectives,
     demonstrated_paths,
@@ -115,7 +112,7 @@ def test_every_clone_guides_toward_its_own_corner(many, tmp_path):
 def test_a_style_is_trained_with_the_offset_of_its_own_ranking(many):
     _, directory = many
     cfg = configure(*words(directory), "+styles.wide_left.ranking={offset: 0.5}")
-    learn_demonstration_rewards(cfg, directory / "run")  # all are learned
+    use_own_offsets(cfg)
     assert cfg.objectives.wide_left.offset == 0.5
     assert cfg.objectives.demo.offset == cfg.objectives.recorded.offset == cfg.ranking.offset != 0.5
 

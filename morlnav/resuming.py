@@ -1,0 +1,180 @@
+"""The command line of a resumed run: the words that it began with, which run no code of strangers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra._internal.utils import get_args_parser
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+from hydra.utils import get_object
+from omegaconf import DictConfig, OmegaConf
+
+from morlnav.cli import conf_dir
+from morlnav.modules import load_reward
+from morlnav.policy import HARMLESS
+from morlnav.trainers.styles import demonstrated_objectives, style_config
+
+BUILT_IN_TRAINING = (*HARMLESS, "morlnav.data.", "morlnav.objectives.", "morlnav.transforms.", "torch.optim.")
+LIBRARY = ("torchrl.collectors.Collector", "torchrl.data.PrioritizedSampler", "torchrl.data.RandomSampler")
+IN_HYDRA = ("callbacks", "job_logging", "hydra_logging", "launcher", "sweeper", "job.env_set", "job.chdir")
+TRUST = "if it is your own, add trust=true to the command line"
+
+
+def resumed_words(words: Sequence[str]) -> tuple[list[str], bool]:
+    """What a resumed run is composed of: the words that it began with, and then those of this command line.
+
+    Args:
+        words: of the command line.
+
+    Returns:
+        The words, and whether classes of the user's own may be imported. Both are as they were without ``resume=``.
+
+    Raises:
+        ValueError: if the directory holds no run, its words are no words of a run, or they name code from outside
+            this package and the command line does not say ``trust=true``.
+
+    Examples:
+        >>> resumed_words(["trainer=smoke"])
+        (['trainer=smoke'], True)
+        >>> resumed_words(["resume=nowhere"])
+        Traceback (most recent call last):
+        ValueError: resume=nowhere: no run of morlnav-train there.
+    """
+    places = [word.split("=", 1)[1].strip("'\"") for word in words if word.startswith("resume=")]
+    if not places:
+        return list(words), True
+    place, trust = Path(places[-1]), "trust=true" in map(str.lower, words)
+    typed = [word for word in words if not word.startswith(("resume=", "trust="))]
+    if {"-m", "--multirun"} & set(typed):
+        raise ValueError(f"resume={place} continues one run; leave out -m.")
+    directory = place.parent.parent if place.parent.name == "checkpoints" else place
+    if not (directory / ".hydra" / "overrides.yaml").is_file():
+        raise ValueError(f"resume={place}: no run of morlnav-train there.")
+    began = _words_of_a_run(directory / ".hydra" / "overrides.yaml")
+    folders = _folders_of_configs(directory / ".hydra" / "hydra.yaml", trust)
+    joined = [*folders, *began, *typed]
+    if not trust:
+        _check(joined, typed, directory)
+    # Quoted, for a directory may have "=" and "," in its name.
+    return [*joined, f"resume='{place}'", f"hydra.run.dir='{directory}'"], trust
+
+
+def _words_of_a_run(path: Path) -> list[str]:
+    """The words that a run began with; options, and what would change Hydra itself, are never among them."""
+    words, parser = _load(path), OverridesParser.create()
+    if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+        raise ValueError(f"{path} is damaged: it is no list of words.")
+    for word in words:
+        try:
+            refused = parser.parse_override(word).is_hydra_override()
+        except HydraException:
+            refused = True
+        if refused:
+            raise ValueError(f"{path} holds {word}, which no run keeps there; nothing was run.")
+    return [word for word in words if not word.startswith(("resume=", "trust="))]
+
+
+def _folders_of_configs(path: Path, trust: bool) -> list[str]:
+    """The words that named other folders of configs when a run began; Hydra does not count them as its overrides."""
+    if not path.is_file():
+        return []
+    try:
+        settings = _load(path)["hydra"]
+        sources = [source for source in settings["runtime"]["config_sources"] if source["provider"] == "command-line"]
+        folders = [str(source["path"]) for source in sources]
+        searched = [word for word in settings["overrides"]["hydra"] if str(word).startswith("hydra.searchpath=")]
+        places = [place for word in searched for place in _search_path(word)]
+    except (KeyError, TypeError, HydraException) as error:
+        raise ValueError(f"{path} is damaged: it does not say where the run's configs come from.") from error
+    for place in places:
+        if not trust and ("${" in place or ":" in place.removeprefix("file://")):  # a package would be imported
+            raise ValueError(f"This run takes configs from {place}; {TRUST}.")
+    return [*(word for folder in folders for word in ("--config-dir", folder)), *searched]
+
+
+def _search_path(word: str) -> list[str]:
+    return [str(place) for place in OverridesParser.create().parse_override(word).value()]
+
+
+def _load(path: Path) -> Any:
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))  # not by OmegaConf, which resolves
+    except (yaml.YAMLError, ValueError) as error:
+        raise ValueError(f"{path} is damaged: it is no YAML.") from error
+
+
+def _check(words: Sequence[str], typed: Sequence[str], directory: Path) -> None:
+    """Compose the run as Hydra will, which builds nothing, and refuse what would be built from outside the package."""
+    args, own = get_args_parser().parse_args(list(words)), get_args_parser().parse_args(list(typed))
+    searched = [word for word in args.overrides if word.startswith("hydra.searchpath=")]
+    folders = [f"file://{Path(args.config_dir).resolve()}"] if args.config_dir else []
+    folders += _search_path(searched[0]) if searched else []  # the first one counts
+    place = ",".join(f"'{folder}'" for folder in folders)
+    rest = [word for word in args.overrides if not word.startswith("hydra.searchpath=")]
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        cfg = compose("train", [*rest, f"hydra.searchpath=[{place}]", f"hydra.run.dir='{directory}'"], True)
+        plain = compose(
+            "train", [word for word in own.overrides if word.lstrip("+~").startswith(("hydra.", "hydra/"))], True
+        )
+    for part in IN_HYDRA:
+        if OmegaConf.select(cfg.hydra, part) != OmegaConf.select(plain.hydra, part):
+            raise ValueError(f"This run changes hydra.{part}; {TRUST}.")
+    OmegaConf.set_struct(cfg, False)
+    del cfg["hydra"]
+    check_training(cfg)
+
+
+def check_training(cfg: DictConfig) -> None:
+    """Refuse a config from which training would build anything from outside this package, but for known classes.
+
+    Raises:
+        ValueError: naming it, and how to trust it.
+
+    Examples:
+        >>> check_training(OmegaConf.create({"objectives": {"calm": {"_target_": "shutil.copyfile"}}}))
+        Traceback (most recent call last):
+        ValueError: This run uses the foreign shutil.copyfile; if it is your own, add trust=true to the command line.
+    """
+    for target in _targets(OmegaConf.to_container(cfg, resolve=False)):
+        if "${" in target:  # it could turn into another one later
+            raise ValueError(f"This run makes up the name of a class by {target}; {TRUST}.")
+    for view in (cfg, *(style_config(cfg, name) for name in demonstrated_objectives(cfg))):
+        for target in _targets(OmegaConf.to_container(view, resolve=True)):
+            if not _is_known(target):
+                raise ValueError(f"This run uses the foreign {target}; {TRUST}.")
+    # Other backends and options of the compiler may name programs.
+    if OmegaConf.select(cfg, "collector.backend") not in (None, "direct", "process"):
+        raise ValueError(f"This run collects by the backend {cfg.collector.backend}; {TRUST}.")
+    if OmegaConf.select(cfg, "trainer.compile.options") is not None:
+        raise ValueError(f"This run sets trainer.compile.options; {TRUST}.")
+
+
+def _targets(node: object) -> Iterator[str]:
+    if isinstance(node, dict):
+        if "_target_" in node:
+            yield str(node["_target_"])
+        for child in node.values():
+            yield from _targets(child)
+    elif isinstance(node, list):
+        for child in node:
+            yield from _targets(child)
+
+
+def _is_known(path: str) -> bool:
+    """Whether ``path`` names a part of a training that does nothing but its work; the path alone does not tell."""
+    if path in LIBRARY:
+        return True
+    if not path.startswith(("morlnav.", "torch.optim.")):
+        return False
+    try:
+        target = get_object(path)
+    except (ImportError, AttributeError, ValueError):
+        return False
+    if target is load_reward or path in ("morlnav.data.record_demonstrations", "morlnav.data.recorded_demonstrations"):
+        return True
+    return isinstance(target, type) and target.__module__.startswith(BUILT_IN_TRAINING)

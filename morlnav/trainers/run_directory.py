@@ -1,0 +1,70 @@
+"""A run's directory belongs to one run at a time, and what a killed checkpoint left there is swept up."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+LOCK_FILE = ".lock"
+UNFINISHED = ("stage", "archive", "delete", "backup")
+"""What TorchRL adds to a checkpoint's name while it writes, replaces or removes one."""
+
+
+@contextmanager
+def reserved(directory: Path) -> Iterator[None]:
+    """Keep other runs out of a directory; the operating system ends this with the process, however that ends.
+
+    Raises:
+        ValueError: if another run is at work there.
+
+    Examples:
+        >>> import tempfile
+        >>> directory = Path(tempfile.mkdtemp(), "run")
+        >>> with reserved(directory):
+        ...     [path.name for path in directory.iterdir()]
+        ['.lock']
+        >>> list(directory.iterdir())
+        []
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(directory / LOCK_FILE, timeout=0)
+    try:
+        lock.acquire()
+    except Timeout:
+        raise ValueError(f"Another run is at work in {directory}; wait for it, or choose another directory.") from None
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # Windows removes no open file
+            (directory / LOCK_FILE).unlink()  # while it is held, so that nobody's lock is taken away
+        lock.release()
+
+
+def remove_leftovers(directory: Path) -> None:
+    """Remove what is left of checkpoints that were being written, replaced or removed when a run was killed.
+
+    A checkpoint that was put aside for a new one which never came takes its place again.
+
+    Args:
+        directory: of the run.
+
+    Examples:
+        >>> import tempfile
+        >>> directory = Path(tempfile.mkdtemp())
+        >>> (directory / "checkpoints" / ".checkpoint-000000000256.stage-0a1b").mkdir(parents=True)
+        >>> (directory / "checkpoints" / ".checkpoint-000000000128.backup-2c3d").mkdir()
+        >>> remove_leftovers(directory)
+        >>> [path.name for path in (directory / "checkpoints").iterdir()]
+        ['checkpoint-000000000128']
+    """
+    for path in (directory / "checkpoints").glob(".checkpoint-*.*-*"):
+        checkpoint, _, rest = path.name[1:].rpartition(".")
+        kind = rest.partition("-")[0]
+        if kind == "backup" and not path.with_name(checkpoint).exists():
+            path.rename(path.with_name(checkpoint))
+        elif kind in UNFINISHED:
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()

@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase
 from morlnav.data.simplex import preference_edges, simplex_grid
 from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
 from morlnav.evaluation.pareto import expected_utility
-from morlnav.evaluation.rollout import discounted_returns
+from morlnav.evaluation.returns import discounted_returns
 
 HELD_OUT = 2**31
 """Episodes of an evaluation are seeded from here on, those of a training below it."""

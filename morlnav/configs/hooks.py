@@ -79,6 +79,14 @@ class EvaluatePolicyConfig(PartConfig, HookConfig):
     _target_: str = "morlnav.trainers.EvaluatePolicy"
 
 
+@store("hook", "stop_divergence")
+@dataclass
+class StopDivergenceConfig(PartConfig, HookConfig):
+    """Hydra configuration for :class:`~morlnav.trainers.StopDivergence`."""
+
+    _target_: str = "morlnav.trainers.StopDivergence"
+
+
 @store("hook", "morl_td3_stepper")
 @dataclass
 class MORLTD3StepperConfig(PartConfig, HookConfig):

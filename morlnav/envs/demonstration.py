@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from morlnav.envs.rewards import Transition
+from morlnav.envs.rewards import Transition, check_finite
 from morlnav.world import without_human
 
 
@@ -26,6 +26,9 @@ class DemonstrationObjective:
         offset: added to ``R̂``.
         observe_human: whether ``reward`` sees the human's position; without, it gets ``[B, 32]`` (``-NH`` ablation).
 
+    Raises:
+        ValueError: unless ``scale`` and ``offset`` are finite numbers.
+
     Examples:
         >>> from morlnav.envs import Efficiency, NavigationEnv
         >>> slow = lambda observation, action: 1 - action[:, 0] / 0.5
@@ -40,6 +43,9 @@ class DemonstrationObjective:
     scale: float = 10.0
     offset: float = -1.0
     observe_human: bool = True
+
+    def __post_init__(self) -> None:
+        check_finite(self)
 
     @torch.no_grad()
     def __call__(self, transition: Transition) -> Tensor:

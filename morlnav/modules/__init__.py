@@ -8,6 +8,7 @@ from morlnav.modules.oracle import CircumnavigationOracle, Oracle, Plan
 from morlnav.modules.passing import PassingOracle, SlowPassingOracle, WaitingOracle
 from morlnav.modules.reward_file import load_reward, load_weights, read_facts, save_reward, write_facts
 from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, RewardModel
+from morlnav.modules.weights import check_weights
 
 __all__ = [
     "Actor",
@@ -28,6 +29,7 @@ __all__ = [
     "VectorCritic",
     "WaitingOracle",
     "WanderingNoise",
+    "check_weights",
     "load_reward",
     "load_weights",
     "read_facts",

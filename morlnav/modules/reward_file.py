@@ -12,6 +12,7 @@ from torch import nn
 
 from morlnav.modules.networks import NavigationFeatures
 from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, RewardModel
+from morlnav.modules.weights import check_weights
 
 CLASSES = {cls.__name__: cls for cls in (RewardModel, RewardEnsemble, NormalisedReward)}
 
@@ -25,7 +26,7 @@ def save_reward(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
         facts: anything worth knowing that JSON can hold, such as the result of an audit.
 
     Raises:
-        ValueError: for a model made of other classes.
+        ValueError: for a model made of other classes, or weights that are not finite.
 
     Examples:
         >>> import tempfile
@@ -36,6 +37,7 @@ def save_reward(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
         >>> read_facts(path)["facts"]
         {'audit': {'passed': True}}
     """
+    check_weights(model, "This reward")
     description = {"inputs": list(getattr(model, "inputs", ())), "model": _describe(model), "facts": dict(facts or {})}
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -101,7 +103,7 @@ def load_weights(model: nn.Module, path: str | Path, device: torch.device | str 
         device: where to put the model.
 
     Raises:
-        ValueError: if the file is damaged, or holds the weights of another model.
+        ValueError: if the file is damaged, holds the weights of another model, or weights that are not finite.
 
     Examples:
         >>> import tempfile
@@ -114,6 +116,7 @@ def load_weights(model: nn.Module, path: str | Path, device: torch.device | str 
         model.load_state_dict(torch.load(path, weights_only=True, map_location=device))
     except Exception as error:  # a damaged file may raise anything in torch's reader
         raise ValueError(f"{path} does not hold the weights of this {type(model).__name__}.") from error
+    check_weights(model, str(path))
     return model.to(device).eval()
 
 

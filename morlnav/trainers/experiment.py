@@ -38,6 +38,7 @@ from morlnav.trainers.builders import (
     make_preferences,
     make_replay,
 )
+from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import make_demonstrations, train_clone
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
@@ -239,6 +240,7 @@ def _register_hooks(
     StepExploration(noise).register(trainer)
     frames = int(cfg.loss.gamma_fraction * cfg.trainer.total_frames)
     AnnealDiscount(cfg.loss.gamma_start, final_discount(cfg, base), frames).register(trainer)
+    StopDivergence().register(trainer)  # before the weights are evaluated
     scenes = evaluation_scenes(during.episodes, seed=cfg.evaluation.seed + 1, sampler=base.scenes)
     EvaluatePolicy(
         stepper.average.module,

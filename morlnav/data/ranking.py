@@ -20,6 +20,9 @@ def roll_out_ranked(
 ) -> TensorDict:
     """Drive a policy under every noise level, all side by side, in any batched environment.
 
+    Environments whose episode has ended begin another one, which is masked, until all have ended: not every simulator
+    lets a part of its environments rest.
+
     Args:
         policy: maps observations ``[B, D]`` to actions ``[B, A]``.
         make_env: builds an environment of this many episodes side by side.
@@ -48,25 +51,22 @@ def roll_out_ranked(
     if list(levels) != sorted(set(levels)) or not levels or levels[0] < 0 or episodes < 1:
         raise ValueError(f"Noise levels must ascend from 0 and need episodes, got {list(levels)} and {episodes}.")
     count = len(levels) * episodes
-    env = TransformedEnv(make_env(count), InitTracker())
+    env = TransformedEnv(make_env(count), InitTracker(), auto_unwrap=True)
     noise = make_noise(torch.tensor(levels, device=env.device).repeat_interleave(episodes))
 
     def act(tensordict: TensorDict) -> TensorDict:
         action = policy(tensordict["observation"])
         return tensordict.set("action", noise(action, tensordict["is_init"], tensordict["observation"]))
 
+    state, steps = env.reset(), []
+    running = torch.ones(count, dtype=torch.bool, device=env.device)
     with torch.no_grad():
-        out = env.rollout(max_steps, act, break_when_any_done=False, break_when_all_done=True, auto_reset=True)
-    done = out["next", "done"].squeeze(-1).long()
-    mask = done.cumsum(1) - done == 0
-    data = TensorDict(
-        observation=out["observation"],
-        action=out["action"],
-        reward=out["next", "reward"],
-        mask=mask,
-        batch_size=out.batch_size,
-    )
-    return data.reshape(len(levels), episodes, -1)
+        while len(steps) < max_steps and running.any():
+            step, state = env.step_and_maybe_reset(act(state))
+            entries = {"reward": step["next", "reward"], "mask": running}
+            steps.append(step.select("observation", "action").update(entries).clone())
+            running = running & ~step["next", "done"].squeeze(-1)
+    return torch.stack(steps, 1).reshape(len(levels), episodes, -1)
 
 
 class SnippetPairs:

@@ -11,6 +11,8 @@ from torch.export import Dim, ExportedProgram
 
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.deployment.policy import Policy, load
+from morlnav.modules import check_weights
+from morlnav.deployment.policy import Policy, load
 
 INPUTS = ("observation", "preference")
 OUTPUT = "action"
@@ -53,11 +55,13 @@ def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...
         The files by format.
 
     Raises:
-        ValueError: for an unknown format, or if ONNX is asked for and its packages are missing.
+        ValueError: for an unknown format, weights that are not finite, or if ONNX is asked for and its packages are
+            missing.
     """
     unknown = set(formats) - set(FORMATS)
     if unknown:
         raise ValueError(f"There is no format {', '.join(sorted(unknown))}; choose from: {', '.join(FORMATS)}.")
+    check_weights(policy, "This policy")
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     program, objectives = export_program(policy), json.dumps(policy.objectives)

@@ -10,18 +10,24 @@ from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
 from yaml import YAMLError
 
-from morlnav.modules import load_reward, load_weights
+from morlnav.navigation.envs.checks import require
+from morlnav.modules import check_weights, load_reward, load_weights
 from morlnav.trainers.builders import make_base_env, make_networks
 from morlnav.trainers.styles import demonstrated_objectives, style_config, style_directory
 
 POLICY_FILE = "policy.pt"
 CONFIG_FILE = "config.yaml"
 HARMLESS = ("morlnav.navigation.world.", "morlnav.navigation.envs.", "morlnav.modules.")
+SUM_TOLERANCE = 1e-3
+HARMLESS = ("morlnav.navigation.world.", "morlnav.navigation.envs.", "morlnav.modules.")
 BUILT_ON_LOADING = ("world", "env", "objectives", "networks", "demonstrations.policy", "clone.actor")
 
 
 class Policy(nn.Module):
     """A trained actor: ``policy(observation[..., 34], preference[..., n]) -> action[..., 2]`` in SI units.
+
+    Inputs that make no sense are refused. Compiled or exported it does not look at them; to :mod:`torch.export` and ONNX
+    goes :attr:`actor` alone.
 
     Args:
         actor: the network.
@@ -43,15 +49,38 @@ class Policy(nn.Module):
         """Actions ``(v, ω)`` in m/s and rad/s for raw observations; the preference broadcasts over them.
 
         Raises:
-            ValueError: if the preference has not one entry per objective.
+            ValueError: if the observation is not finite, or the preference no point of the simplex with one entry per
+                objective.
         """
         if preference.shape[-1] != len(self.objectives):
             raise ValueError(f"A preference needs {len(self.objectives)} entries {self.objectives}.")
+        if not (torch.compiler.is_compiling() or torch.jit.is_tracing()):
+            _check_inputs(observation, preference)
         return self.actor(observation, preference.expand(*observation.shape[:-1], -1))
 
 
+def _check_inputs(observation: Tensor, preference: Tensor) -> None:
+    finite = observation.isfinite()
+    require(
+        finite.all(),
+        "Observations must be finite",
+        lambda: "{} in entry {}".format(observation[~finite][0].item(), int((~finite).nonzero()[0, -1])),
+    )
+    point = ((preference >= 0).all(-1)) & ((preference.sum(-1) - 1).abs() <= SUM_TOLERANCE)  # NaN fails both
+    require(
+        point.all(),
+        "The entries of a preference must be at least 0 and add up to 1",
+        lambda: str([round(entry, 4) for entry in preference[~point].reshape(-1, preference.shape[-1])[0].tolist()]),
+    )
+
+
 def save(actor: nn.Module, directory: str | Path) -> None:
-    """Write the actor's weights into a run directory."""
+    """Write the actor's weights into a run directory.
+
+    Raises:
+        ValueError: if they are not finite.
+    """
+    check_weights(actor, "This policy")
     torch.save(actor.state_dict(), Path(directory) / POLICY_FILE)
 
 

@@ -11,6 +11,7 @@ from torchrl.objectives import BCLoss
 from torchrl.objectives.utils import distance_loss
 
 from morlnav.objectives.bounds import action_bounds
+from morlnav.objectives.padding import blank_padding
 
 LOSS_FUNCTIONS = ("l2", "smooth_l1")
 
@@ -67,12 +68,17 @@ class BehaviourCloningLoss(BCLoss):
     @dispatch
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """``loss_bc``, and ``error`` ``[A]``: the mean absolute error per action entry, in half action ranges."""
-        label = tensordict.get(self.tensor_keys.action)
+        mask = self._mask(tensordict)
         inputs = tensordict.select(*self.actor_network.in_keys)
+        label = tensordict.get(self.tensor_keys.action)
+        if mask is not None:
+            steps = mask.reshape(label.shape[:-1])
+            label = label.masked_fill(~steps.unsqueeze(-1), 0)
+            if tensordict.shape[: steps.ndim] == steps.shape:  # or one observation serves a chunk of actions
+                inputs = blank_padding(tensordict, self.actor_network.in_keys, steps)
         with self.actor_network_params.to_module(self.actor_network, preserve_module_state=False):
             action = self.actor_network(inputs).get(self.tensor_keys.action)
         error = (action - label) / self.half_range
-        mask = self._mask(tensordict)
         loss = distance_loss(error, torch.zeros_like(error), self.loss_function)
         entries = [
             self._reduce_loss(entry, tensordict, mask=mask, reduction="mean")

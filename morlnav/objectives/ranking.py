@@ -14,6 +14,8 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 from torchrl.objectives.common import LossModule
 
+from morlnav.objectives.padding import blank_padding
+
 AGGREGATES = ("mean", "sum")
 
 
@@ -29,7 +31,7 @@ class RankingLoss(LossModule):
 
     Input is batched ``[B]`` and holds two nested entries, ``better`` and ``worse``, each with what the reward network
     reads, vectors such as ``observation`` ``[B, L, 34]`` and ``action`` ``[B, L, 2]``, and optionally ``mask``
-    ``[B, L]`` (or ``[B, L, 1]``), true for real steps and false for padding. The two may differ in length.
+    ``[B, L]`` (or ``[B, L, 1]``), true for real steps and false for padding, which may hold anything. The two may differ in length.
 
     An ensemble is given as a list of networks, which need not be alike. A batch ``[B]`` shows every member the same
     snippets, a batch ``[K, B]`` shows member ``k`` its own row. Losses are summed over members, so each learns as it
@@ -150,12 +152,16 @@ class RankingLoss(LossModule):
         """Mean or sum of the reward over the real steps of a snippet, ``[B]``."""
         snippet = row.get(key)
         steps = snippet.get(member.in_keys[0]).ndim - 1
-        reward = member(snippet.select(*member.in_keys)).get(self.tensor_keys.reward)
-        reward = reward.squeeze(-1) if reward.ndim > steps else reward
         mask = snippet.get(self.tensor_keys.mask, None)
         if mask is None:
+            inputs = snippet.select(*member.in_keys)
+        else:
+            mask = mask.squeeze(-1) if mask.ndim > steps else mask
+            inputs = blank_padding(snippet, member.in_keys, mask)
+        reward = member(inputs).get(self.tensor_keys.reward)
+        reward = reward.squeeze(-1) if reward.ndim > steps else reward
+        if mask is None:
             return reward.mean(-1) if self.aggregate == "mean" else reward.sum(-1)
-        mask = mask.squeeze(-1) if mask.ndim > steps else mask
         total = torch.where(mask, reward, 0.0).sum(-1)
         return total / mask.sum(-1).clamp_min(1) if self.aggregate == "mean" else total
 

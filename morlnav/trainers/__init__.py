@@ -1,6 +1,7 @@
 """Training: the experiment builder, the optimisation step, and hooks for TorchRL's trainer."""
 
 from morlnav.trainers.builders import make_base_env, make_env, make_loss, make_networks, make_preferences, make_replay
+from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.evaluator import EvaluatePolicy
 from morlnav.trainers.experiment import make_trainer
 from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
@@ -17,6 +18,7 @@ __all__ = [
     "MORLTD3Stepper",
     "RolloutState",
     "StepExploration",
+    "StopDivergence",
     "make_base_env",
     "make_env",
     "make_loss",

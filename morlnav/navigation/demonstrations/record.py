@@ -11,6 +11,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
+from morlnav.navigation.envs.checks import reward_vector
 from morlnav.navigation.world import Contact, Scene, TensorWorld, World, without_human
 
 PATIENCE = 20
@@ -224,7 +225,7 @@ def rewarded_transitions(data: TensorDict, objectives: Mapping[str, Objective], 
             contact=Contact(**outcome, batch_size=part.batch_size),
             scene=Scene.from_tensordict(part["scene"]),
         )
-        rewards.append(torch.stack([term(transition) for term in objectives.values()], -1))
+        rewards.append(reward_vector(objectives, transition))
     following = data["next"].select("observation", "done", "terminated").set("reward", torch.cat(rewards))
     rows = data.select("observation").set("action", data["executed_action"])
     return rows.set("next", following)

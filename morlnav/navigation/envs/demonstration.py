@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from morlnav.navigation.envs.rewards import Transition
+from morlnav.navigation.envs.rewards import Transition, check_finite
 from morlnav.navigation.world import without_human
 
 
@@ -26,6 +26,9 @@ class DemonstrationObjective:
         offset: added to ``R̂``.
         observe_human: whether ``reward`` sees the human's position; without, it gets ``[B, 32]`` (``-NH`` ablation).
 
+    Raises:
+        ValueError: unless ``scale`` and ``offset`` are finite numbers.
+
     Examples:
         >>> from morlnav.navigation.envs.navigation import NavigationEnv
         >>> from morlnav.navigation.envs.rewards import Efficiency
@@ -41,6 +44,9 @@ class DemonstrationObjective:
     scale: float = 10.0
     offset: float = -1.0
     observe_human: bool = True
+
+    def __post_init__(self) -> None:
+        check_finite(self)
 
     @torch.no_grad()
     def __call__(self, transition: Transition) -> Tensor:

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from morlnav.navigation.envs.checks import check_action, reward_vector
 from morlnav.navigation.envs.rewards import Objective, Transition, default_objectives, reward_bounds
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld, World, without_human
 
@@ -43,7 +44,8 @@ class NavigationEnv(EnvBase):
             margin to learn with, for what a lidar's sector tells only roughly. After ``eval()`` it has its true size.
 
     Raises:
-        ValueError: for an empty or wrongly ordered objective list, or ``num_envs < 1``.
+        ValueError: for an empty or wrongly ordered objective list, or ``num_envs < 1``; in a step, for an action that is
+            not finite or an objective that returns anything but one finite reward per environment.
 
     Examples:
         >>> env = NavigationEnv(num_envs=4, seed=0)
@@ -195,7 +197,9 @@ class NavigationEnv(EnvBase):
 
     @torch.no_grad()  # as for any simulator: rewards are no function of a policy's parameters
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
-        action = self.world.robot.limit(tensordict["action"].reshape(self._count, 2))
+        action = tensordict["action"].reshape(self._count, 2)
+        check_action(action)  # before it moves anything
+        action = self.world.robot.limit(action)
         before, observation = self.world.pose, self._observation
         contact = self.world.step(action)
         out = self._outputs(contact.goal, contact.human, contact.box)
@@ -208,7 +212,7 @@ class NavigationEnv(EnvBase):
             contact=contact,
             scene=self.world.scene,
         )
-        out["reward"] = torch.stack([term(transition) for term in self.rewards.values()], -1)
+        out["reward"] = reward_vector(self.rewards, transition)
         return out.reshape(self.batch_size)
 
     def _set_seed(self, seed: int | None) -> None:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, fields
+from numbers import Real
+from typing import Any, Protocol
 
 import torch
 from torch import Tensor
@@ -61,12 +62,35 @@ class Transition:
 class Objective(Protocol):
     """Anything callable on a :class:`Transition`; ``static = True`` fixes its preference weight at 1 (Eq. 2).
 
+    It returns a finite number for every environment, a tensor ``[B]`` on the world's device; whatever else it returns
+    is refused at that step, by the objective's name.
+
     A method ``bounds(reach)`` may give its least and largest reward in a step that leads ``reach`` metres far at most;
     Gymnasium's ``reward_space`` is made of them, and the learner's targets stay within what they add up to.
     """
 
     def __call__(self, transition: Transition) -> Tensor:
         """The reward of every environment, ``[B]``."""
+
+
+def check_finite(term: Any) -> None:
+    """Refuse a term of which a field that should be a number is none, or not finite.
+
+    Args:
+        term: a dataclass.
+
+    Raises:
+        ValueError: naming the field.
+
+    Examples:
+        >>> Efficiency(penalty=math.nan)
+        Traceback (most recent call last):
+        ValueError: Efficiency needs a finite number as penalty, got nan.
+    """
+    for field in fields(term):
+        value = getattr(term, field.name)
+        if field.type in ("float", float) and not (isinstance(value, Real) and math.isfinite(value)):
+            raise ValueError(f"{type(term).__name__} needs a finite number as {field.name}, got {value}.")
 
 
 @dataclass(frozen=True)
@@ -76,12 +100,18 @@ class GoalProgress:
     Args:
         scale: ``c_g``, reward per metre.
 
+    Raises:
+        ValueError: unless the scale is a finite number.
+
     Examples:
         >>> GoalProgress(scale=125.0).bounds(reach=0.1)
         (-12.5, 12.5)
     """
 
     scale: float = 125.0
+
+    def __post_init__(self) -> None:
+        check_finite(self)
 
     def __call__(self, transition: Transition) -> Tensor:
         """Reward ``[B]``."""
@@ -100,12 +130,18 @@ class Collision:
     Args:
         penalty: reward of the step that ends in contact.
 
+    Raises:
+        ValueError: unless the penalty is a finite number.
+
     Examples:
         >>> Collision().penalty
         -1000.0
     """
 
     penalty: float = -1000.0
+
+    def __post_init__(self) -> None:
+        check_finite(self)
 
     def __call__(self, transition: Transition) -> Tensor:
         """Reward ``[B]``."""
@@ -126,7 +162,7 @@ class HumanDistance:
         minimum: ``d_min`` in metres.
 
     Raises:
-        ValueError: unless ``0 <= minimum < threshold``.
+        ValueError: unless all are finite numbers and ``0 <= minimum < threshold``.
 
     Examples:
         >>> HumanDistance().threshold
@@ -138,6 +174,7 @@ class HumanDistance:
     minimum: float = 0.3
 
     def __post_init__(self) -> None:
+        check_finite(self)
         if not 0 <= self.minimum < self.threshold:
             raise ValueError(f"HumanDistance needs 0 <= minimum < threshold, got {self.minimum} and {self.threshold}.")
 
@@ -159,12 +196,18 @@ class Efficiency:
     Args:
         penalty: reward of every step.
 
+    Raises:
+        ValueError: unless the penalty is a finite number.
+
     Examples:
         >>> Efficiency().penalty
         -10.0
     """
 
     penalty: float = -10.0
+
+    def __post_init__(self) -> None:
+        check_finite(self)
 
     def __call__(self, transition: Transition) -> Tensor:
         """Reward ``[B]``."""

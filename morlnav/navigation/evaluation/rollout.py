@@ -11,6 +11,7 @@ from tensordict import tensorclass
 from torch import Tensor
 
 from morlnav.navigation.envs import Objective, Transition, default_objectives
+from morlnav.navigation.envs.checks import check_action, reward_vector
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld, World, without_human
 
 SEED_OFFSET = 2**31
@@ -121,7 +122,8 @@ def evaluate_policy(
         Rollouts batched ``[P, S]``, on the world's device.
 
     Raises:
-        ValueError: if scenes or preferences have the wrong shape, or ``max_steps`` is below 1.
+        ValueError: if scenes or preferences have the wrong shape, or ``max_steps`` is below 1; for an action or a reward
+            that is not finite.
 
     Examples:
         >>> straight = lambda observation, preference: torch.tensor([0.5, 0.0]).expand(len(observation), 2)
@@ -130,8 +132,8 @@ def evaluate_policy(
         (torch.Size([2, 3]), torch.Size([2, 3, 5, 3]))
     """
     world = copy.copy(world) if world is not None else TensorWorld()  # a reset replaces the state, it never edits it
-    terms = list((default_objectives() if objectives is None else objectives).values())
-    tuneable = sum(not getattr(term, "static", False) for term in terms)
+    objectives = default_objectives() if objectives is None else objectives
+    tuneable = sum(not getattr(term, "static", False) for term in objectives.values())
     if preferences.dim() not in (2, 3) or preferences.shape[-1] != tuneable or not preferences.numel():
         raise ValueError(
             f"Preferences need the shape [P, {tuneable}], one column per tuneable objective, or [P, T, {tuneable}] as "
@@ -151,7 +153,7 @@ def evaluate_policy(
     count = len(schedule)
     pose = world.pose.new_zeros(count, max_steps + 1, 3)
     clearance = pose.new_zeros(count, max_steps + 1)
-    action_log, reward = pose.new_zeros(count, max_steps, 2), pose.new_zeros(count, max_steps, len(terms))
+    action_log, reward = pose.new_zeros(count, max_steps, 2), pose.new_zeros(count, max_steps, len(objectives))
     steps = torch.full((count,), max_steps, device=world.device)
     outcome = torch.full_like(steps, Outcome.TIMEOUT)
     duration = pose.new_zeros(count)
@@ -165,7 +167,9 @@ def evaluate_policy(
         for step in range(max_steps):
             visible = observation if observe_human else without_human(observation)
             preference = schedule[episode, min(step, schedule.shape[1] - 1)]
-            action, before = world.robot.limit(policy(visible, preference)), world.pose
+            action, before = policy(visible, preference), world.pose
+            check_action(action)
+            action = world.robot.limit(action)
             contact = world.step(action)
             next_observation = world.observe()
             transition = Transition(
@@ -177,7 +181,7 @@ def evaluate_policy(
             pose[now, step + 1] = world.pose[running]
             clearance[now, step + 1] = next_observation[running, lidar:].amin(-1)
             action_log[now, step] = action[running]
-            reward[now, step] = torch.stack([term(transition) for term in terms], -1)[running]
+            reward[now, step] = reward_vector(objectives, transition)[running]
             steps[last], outcome[last] = step + 1, ended[running & done]
             duration[now] += world.step_time if contact.duration is None else contact.duration[running]
 

@@ -1,0 +1,58 @@
+"""A learning that diverged ends before anything of it is kept."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from torch.nn.utils import get_total_norm
+from torchrl.trainers.trainers import Trainer, TrainerHookBase
+
+NETWORKS = {
+    "actor_network_params": ("the actor's", "trainer.optimizer_actor.lr"),
+    "qvalue_network_params": ("the critics'", "trainer.optimizer_critic.lr"),
+}
+"""What the parameters of a loss are called, and where the config has their learning rate."""
+
+
+class StopDivergence(TrainerHookBase):
+    """End the training once a weight that the loss learns is not finite: it is never evaluated or checkpointed.
+
+    Register it before every other hook that acts on the learned weights; checkpoints come after all hooks.
+
+    Examples:
+        >>> StopDivergence().register(trainer)  # doctest: +SKIP
+    """
+
+    def __call__(self) -> None:
+        """Look at all weights at once.
+
+        Raises:
+            ValueError: naming the networks, the learning rates to lower, and the checkpoint that is left.
+        """
+        if get_total_norm(self.trainer.loss_module.parameters(), math.inf).isfinite():
+            return
+        parameters = self.trainer.loss_module.named_parameters()
+        ruined = dict.fromkeys(name.split(".")[0] for name, value in parameters if not value.isfinite().all())
+        names, rates = zip(*(NETWORKS.get(name, (f"{name}'s", "the learning rate")) for name in ruined), strict=True)
+        raise ValueError(
+            f"Learning diverged: {' and '.join(names)} weights are not finite after {self.trainer.collected_frames:,} "
+            f"frames; lower {' and '.join(dict.fromkeys(rates))}, or the scale of the rewards{self._left()}."
+        )
+
+    def _left(self) -> str:
+        rotation = self.trainer.checkpoint_rotation
+        checkpoint = None if rotation is None else rotation.latest()
+        return "" if checkpoint is None else f" (the last checkpoint, {checkpoint}, is intact)"
+
+    def register(self, trainer: Trainer, name: str = "stop_divergence") -> None:
+        """Register after every round of optimisation steps."""
+        self.trainer = trainer
+        trainer.register_op("post_steps", self)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Nothing: it only looks."""
+        return {}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Nothing to load."""

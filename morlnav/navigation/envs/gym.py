@@ -5,12 +5,14 @@ Importing :mod:`morlnav` registers ``morlnav/SocialNavigation-v0``.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from tensordict import TensorDict
@@ -18,6 +20,7 @@ from torch import Tensor
 from torchrl.data import Bounded
 
 from morlnav.navigation.envs.navigation import NavigationEnv
+from morlnav.navigation.world import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,16 +118,17 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
 class SocialNavigationVector(gymnasium.vector.VectorEnv):
     """Many robots in one batched world, with Gymnasium's vector interface; rewards are ``[num_envs, m]``.
 
-    Finished environments begin anew at the next step (``AutoresetMode.NEXT_STEP``).
-
     Args:
         num_envs: robots side by side.
         max_episode_steps: time limit of an episode; ``None`` for none.
         render_mode: ``"rgb_array"``, drawn with matplotlib.
+        autoreset_mode: when an ended environment begins anew: ``"NextStep"``, at the next step; ``"SameStep"``, at
+            once, with its last observation in ``info["final_obs"]``; or ``"Disabled"``, by ``reset`` with
+            ``options={"reset_mask": mask}``. TorchRL's ``GymWrapper`` takes the latter two.
         settings: arguments of :class:`NavigationEnv`, such as ``objectives`` or ``world``.
 
     Raises:
-        ValueError: for an unknown render mode.
+        ValueError: for an unknown render mode or autoreset mode.
 
     Examples:
         >>> import gymnasium, morlnav
@@ -135,7 +139,7 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
     """
 
     metadata = {  # noqa: RUF012  (Gymnasium's attribute)
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,  # of an instance: its own
         "render_modes": ["rgb_array"],
         "render_fps": SocialNavigation.metadata["render_fps"],
     }
@@ -145,12 +149,15 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
         num_envs: int = 1,
         max_episode_steps: int | None = MAX_EPISODE_STEPS,
         render_mode: str | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **settings: Any,
     ) -> None:
         self.render_mode = _checked(render_mode, self.metadata["render_modes"])
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self._env = NavigationEnv(num_envs=num_envs, **settings)
         self.num_envs = num_envs
-        self.single_observation_space, self.single_action_space, self.reward_space = _spaces(self._env)
+        self.single_observation_space, self.single_action_space, self._reward_space = _spaces(self._env)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.reward_dim = len(self._env.rewards)
@@ -160,32 +167,88 @@ class SocialNavigationVector(gymnasium.vector.VectorEnv):
         self._ended = np.zeros(num_envs, bool)
         self._tracks: list[list[Tensor]] = [[] for _ in range(num_envs)]
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict]:
-        """Begin an episode in every environment; ``options={"scene": scenes}`` begins them in given scenes."""
+    @property
+    def reward_space(self) -> spaces.Box:
+        """Space of one environment's reward ``[m]``, as in MO-Gymnasium's vectors."""
+        return self._reward_space
+
+    def get_wrapper_attr(self, name: str) -> Any:
+        """The attribute ``name``; TorchRL's ``GymWrapper`` asks so for the reward's space, and wants the batch's."""
+        return batch_space(self._reward_space, self.num_envs) if name == "reward_space" else getattr(self, name)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict]:
+        """Begin an episode in every environment.
+
+        Args:
+            seed: one number for all; or one for each, which then begins in the scene of that seed alone.
+            options: ``scene``, given scenes to begin in; ``reset_mask``, ``bool`` ``[num_envs]``, the environments to
+                begin anew while the others stay where they are.
+
+        Raises:
+            ValueError: if a given scene is impossible, or the number of seeds or the mask does not fit.
+        """
+        options = dict(options or {})
+        mask = options.pop("reset_mask", np.ones(self.num_envs, bool))
+        if np.shape(mask) != (self.num_envs,) or not np.any(mask):
+            raise ValueError(f"reset_mask needs {self.num_envs} flags, at least one of them true, got {mask}.")
+        if np.ndim(seed):
+            options = {"scene": self._scenes_of(seed), **options}
+            seed = int(np.random.SeedSequence([number for number in seed if number is not None]).generate_state(1)[0])
         super().reset(seed=seed)
         if seed is not None:
             self._env.set_seed(seed)
-        state = self._env.reset(**(options or {})).cpu()
-        self._steps[:], self._ended[:] = 0, False
+        state = self._begin(mask, **options)
+        self._steps[mask], self._ended[mask] = 0, False
         self._record(state["pose"])
         return state["observation"].numpy(), _info(state)
 
+    def _scenes_of(self, seeds: Sequence[int | None]) -> Scene:
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"Got {len(seeds)} seeds for {self.num_envs} environments.")
+
+        def scene(seed: int | None) -> Scene:
+            generator = torch.Generator()
+            generator.seed() if seed is None else generator.manual_seed(seed)
+            return self._env.scenes(1, device="cpu", generator=generator)
+
+        return torch.cat([scene(seed) for seed in seeds])
+
+    def _begin(self, mask: np.ndarray, **options: Any) -> TensorDict:
+        """The state of all environments after those of the mask ``[num_envs]`` have begun an episode."""
+        begins = TensorDict({"_reset": torch.from_numpy(mask).unsqueeze(-1)}, [self.num_envs])
+        # reset() itself says nothing of those that go on.
+        return self._env._reset(None if mask.all() else begins.to(self._env.device), **options).cpu()
+
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Drive every robot for one control step; those whose episode had ended begin a new one instead."""
-        began = torch.from_numpy(self._ended)
+        """Drive every robot for one control step; where an episode ends, ``autoreset_mode`` says what follows.
+
+        Raises:
+            ResetNeeded: if an environment has ended that ``autoreset_mode="Disabled"`` leaves to the user.
+        """
+        began, next_step = self._ended, self.autoreset_mode is AutoresetMode.NEXT_STEP
+        if began.any() and not next_step:
+            raise ResetNeeded(f"Reset the environments {began.nonzero()[0].tolist()} first: their episodes have ended.")
         batch = TensorDict({"action": torch.as_tensor(np.asarray(actions, np.float32))}, [self.num_envs])
         state = self._env.step(batch.to(self._env.device))["next"].cpu()
-        if began.any():
-            ended = TensorDict({"_reset": began.unsqueeze(-1)}, [self.num_envs])
-            fresh = self._env.reset(ended.to(self._env.device)).cpu()
-            state = fresh.where(began, state, pad=0)  # the step that begins an episode has no reward
+        if began.any():  # the step that begins an episode has no reward
+            state = self._begin(began).where(torch.from_numpy(began), state, pad=0)
         terminated = state["terminated"].squeeze(-1).numpy()
-        self._steps = np.where(self._ended, 0, self._steps + 1)
+        self._steps = np.where(began, 0, self._steps + 1)
         late = self.max_episode_steps is not None and self._steps >= self.max_episode_steps
         truncated = late & ~terminated
+        self._ended = ended = terminated | truncated
+        reward, info = state["reward"].numpy(), _info(state)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
+            last = np.full(self.num_envs, None, object)
+            for index in ended.nonzero()[0]:
+                last[index] = state["observation"][index].numpy()
+            state = self._begin(ended)
+            info = _info(state) | {"final_obs": last, "_final_obs": ended, "final_info": info, "_final_info": ended}
+            self._steps[ended], self._ended = 0, np.zeros(self.num_envs, bool)
         self._record(state["pose"])
-        self._ended = terminated | truncated
-        return state["observation"].numpy(), state["reward"].numpy(), terminated, truncated, _info(state)
+        return state["observation"].numpy(), reward, terminated, truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Every scene from above, as images ``[H, W, 3]`` of ``uint8``; ``None`` without a render mode."""
@@ -229,8 +292,8 @@ def register() -> None:
     """Register the environment with Gymnasium; happens when :mod:`morlnav` is imported."""
     gymnasium.register(
         ENV_ID,
-        entry_point=SocialNavigation,
-        vector_entry_point=SocialNavigationVector,
+        entry_point=f"{__name__}:{SocialNavigation.__name__}",  # as text, for a spec is kept as JSON
+        vector_entry_point=f"{__name__}:{SocialNavigationVector.__name__}",
         max_episode_steps=MAX_EPISODE_STEPS,
         disable_env_checker=True,  # it asks for a scalar reward
     )

@@ -135,13 +135,14 @@ class NavigationEnv(EnvBase):
 
         low = torch.tensor([0.0, -torch.pi] * (1 + self.observe_human) + [0.0] * lidar.sectors)
         high = torch.tensor([torch.inf, torch.pi] * (1 + self.observe_human) + [lidar.max_range] * lidar.sectors)
-        outcome = {name: Binary(n=1, shape=(*shape, 1), dtype=torch.bool) for name in ("goal", "human", "box")}
+        on_device = {"shape": shape, "device": self.device}
+        flag = Binary(n=1, shape=(*shape, 1), device=self.device, dtype=torch.bool)
+        outcome = Composite({name: flag.clone() for name in ("goal", "human", "box")}, **on_device)
         self.observation_spec = Composite(
             observation=bounded(low, high),
-            pose=Unbounded(shape=(*shape, 3)),
-            outcome=Composite(outcome, shape=shape),
-            shape=shape,
-            device=self.device,
+            pose=Unbounded(shape=(*shape, 3), device=self.device),
+            outcome=outcome,
+            **on_device,
         )
         self.action_spec = bounded(self.world.robot.action_low, self.world.robot.action_high)
         self.reward_spec = Unbounded(shape=(*shape, len(self.rewards)), device=self.device)

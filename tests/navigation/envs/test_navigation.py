@@ -132,20 +132,6 @@ def test_only_ended_episodes_draw_new_scenes():
     assert (fifth == following[1]).all()
 
 
-@pytest.mark.parametrize("num_boxes", [0, 3])
-def test_a_step_never_waits_for_the_device(num_boxes):
-    # Tensors on "meta" have no values, so whatever asks for one on the host raises.
-    env = NavigationEnv(scenes=SceneSampler(num_boxes), num_envs=4)
-    env.world.device = env.__dict__["_device"] = torch.device("meta")  # TorchRL's bounded specs cannot follow there
-    td = env._reset()
-    with pytest.raises(RuntimeError, match=r"item\(\) cannot be called"):
-        bool(td["done"].any())
-    following = env._step(td.set("action", torch.zeros(4, 2, device="meta")))
-    assert {value.device.type for value in following.values(True, True)} == {"meta"}
-    assert following["observation"].shape == (4, 34)
-    assert following["reward"].shape == (4, 3)
-
-
 # Beginnings and ends
 
 

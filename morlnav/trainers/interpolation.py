@@ -9,6 +9,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.trainers.trainers import Trainer
 
+from morlnav.evaluation import expected_utility
 from morlnav.trainers.hooks import PeriodicHook
 
 
@@ -16,7 +17,8 @@ class FitInterpolator(PeriodicHook):
     """Measure the value of every key preference by roll-outs, and refit the interpolator of the trainer's loss to them.
 
     Each key is measured by one episode per environment of the batch, driven without exploration noise; its value is
-    the mean discounted return vector, with the loss's discount. The expected utility over the keys is logged.
+    the mean discounted return vector, with the loss's discount. The expected utility over the keys is logged: of plain
+    returns, with the weights of the loss.
 
     Args:
         env: an environment of its own that keeps a preference handed to ``reset``, as one with
@@ -42,14 +44,13 @@ class FitInterpolator(PeriodicHook):
             return
         loss = self.trainer.loss_module
         keys = loss.interpolator.preferences
-        values = torch.stack([self._value(key) for key in keys])
+        values, returns = torch.stack([self._measure(key) for key in keys]).unbind(1)
         loss.interpolator.update(keys, values)
-        utility = (loss.scalarisation(keys, values.shape[-1]) * values).sum(-1).mean()
-        self.trainer._log(expected_utility=utility.item())
+        self.trainer._log(expected_utility=expected_utility(returns, keys, loss.scalarisation))
 
     @torch.no_grad()
-    def _value(self, preference: Tensor) -> Tensor:
-        """Mean discounted return vector ``[m]`` under one preference ``[n]``."""
+    def _measure(self, preference: Tensor) -> Tensor:
+        """Mean return vectors under one preference ``[n]``, the discounted and the plain one: ``[2, m]``."""
         loss, env = self.trainer.loss_module, self.env
         given = TensorDict(batch_size=env.batch_size, device=env.device)
         given[loss.tensor_keys.preference] = preference.to(env.device).expand(*env.batch_size, -1)
@@ -68,7 +69,8 @@ class FitInterpolator(PeriodicHook):
         done = following[loss.tensor_keys.done]
         running = done.cumsum(1) - done.long() == 0  # the step that ends an episode is part of it
         discounts = loss.value_estimator.gamma.to(env.device) ** torch.arange(done.shape[1], device=env.device)[:, None]
-        return (following[loss.tensor_keys.reward] * running * discounts).sum(1).mean(0).to(preference.device)
+        rewards = following[loss.tensor_keys.reward] * running
+        return torch.stack([(rewards * discounts).sum(1), rewards.sum(1)]).mean(1).to(preference.device)
 
     def register(self, trainer: Trainer, name: str = "fit_interpolator") -> None:
         """Register after every round of optimisation steps."""

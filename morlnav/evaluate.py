@@ -16,11 +16,12 @@ from morlnav.data import preference_edges
 from morlnav.envs import NavigationEnv
 from morlnav.evaluation import (
     Rollouts,
-    default_reference,
     episode_metrics,
     evaluate_policy,
     evaluation_scenes,
     markdown_table,
+    read_reference,
+    reference_from_bounds,
     summarise,
     write_report,
 )
@@ -49,8 +50,19 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
         rewards=tuple(env.rewards),
         world=env.world,
         references=demonstrated_paths(cfg, rollouts.scene[0], env.world, directory),
-        reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
+        reference_point=hypervolume_reference(cfg, env),
     )
+
+
+def hypervolume_reference(cfg: DictConfig, env: NavigationEnv) -> Tensor:
+    """The reference point ``[m]`` of a run: what ``evaluation.reference`` says, the rest from the rewards' bounds.
+
+    Raises:
+        ValueError: if the config's numbers or names do not fit the objectives.
+    """
+    given = cfg.evaluation.get("reference")
+    given = OmegaConf.to_container(given, resolve=True) if OmegaConf.is_config(given) else given
+    return read_reference(given, tuple(env.rewards), reference_from_bounds(env.reward_bounds, cfg.env.max_steps))
 
 
 def evaluate_route(

@@ -3,12 +3,13 @@
 from morlnav.evaluation.alternatives import Behaviour, PathFollower, alternative_behaviours, paths_around
 from morlnav.evaluation.audit import Audit, Thresholds, audit_reward
 from morlnav.evaluation.audit_report import write_audit
+from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
 from morlnav.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.evaluation.pareto import expected_utility, hypervolume, pareto_mask, utility
 from morlnav.evaluation.paths import shortest_path, shortest_polylines
 from morlnav.evaluation.planner import PathPlanner, PlannedPath
 from morlnav.evaluation.references import reference_paths
-from morlnav.evaluation.report import default_reference, front_table, markdown_table, write_report
+from morlnav.evaluation.report import markdown_table, write_report
 from morlnav.evaluation.rollout import Outcome, Rollouts, evaluate_policy, evaluation_scenes
 from morlnav.evaluation.statistics import compare_extremes, fidelity, overall, summarise
 
@@ -24,7 +25,7 @@ __all__ = [
     "alternative_behaviours",
     "audit_reward",
     "compare_extremes",
-    "default_reference",
+    "describe_front",
     "episode_metrics",
     "evaluate_policy",
     "evaluation_scenes",
@@ -37,6 +38,8 @@ __all__ = [
     "overall",
     "pareto_mask",
     "paths_around",
+    "read_reference",
+    "reference_from_bounds",
     "reference_paths",
     "shortest_path",
     "shortest_polylines",

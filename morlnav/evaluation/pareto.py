@@ -82,7 +82,7 @@ def expected_utility(returns: Tensor, preferences: Tensor, scalarisation: Scalar
 
 
 def utility(returns: Tensor, preferences: Tensor, scalarisation: Scalarisation | None = None) -> Tensor:
-    """Scalarised returns ``wᵀR``, by default with ``w = (1, …, 1, λ)`` (Eq. 2): ``[..., m]``, ``[..., n]`` to ``[...]``.
+    """Scalarised returns ``wᵀR``, by default with ``w = (1, …, 1, λ)`` (Eq. 2): ``[..., m]`` to ``[...]``.
 
     >>> import torch
     >>> utility(torch.tensor([1.0, 2.0, 4.0]), torch.tensor([0.5, 0.5]))

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
+import pandas as pd
 import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
@@ -20,14 +21,17 @@ from morlnav.evaluation import (
     evaluate_policy,
     evaluation_scenes,
     markdown_table,
+    overall,
     read_reference,
     reference_from_bounds,
     summarise,
     write_report,
 )
+from morlnav.evaluation.report import sentences
 from morlnav.policy import Policy, load, load_config
+from morlnav.record.tables import audit_line, make_console, print_summary
 from morlnav.trainers.builders import make_base_env
-from morlnav.trainers.styles import demonstrated_paths
+from morlnav.trainers.styles import demonstrated_objectives, demonstrated_paths, style_directory
 
 
 def evaluate_run(directory: Path, output: Path | None = None, trust: bool = False, **changes: int) -> str:
@@ -103,6 +107,25 @@ def evaluate_route(
     return markdown_table(summary, ["room"])
 
 
+def show_evaluation(directory: Path, output: Path | None = None) -> None:
+    """Print what an evaluation found, in a few lines that fit a terminal.
+
+    Args:
+        directory: of the run, which keeps the audits of its rewards.
+        output: where its evaluation lies; ``directory/evaluation`` by default.
+    """
+    output, console = output or directory / "evaluation", make_console()
+    episodes, summary, faithful, front = (
+        pd.read_csv(output / f"{name}.csv") for name in ("episodes", "summary", "fidelity", "front")
+    )
+    demonstrated = demonstrated_objectives(load_config(directory))
+    print_summary(summary, overall(episodes, resamples=2), demonstrated=demonstrated, console=console)
+    audits = [audit_line(style_directory(directory, name) / "audit", name) for name in demonstrated]
+    for line in [*sentences(summary, faithful, front), *filter(None, audits)]:
+        console.print(line)
+    console.print(f"All rows and columns are in {output / 'table.md'}", soft_wrap=True)
+
+
 def _load(directory: Path, trust: bool, changes: Mapping[str, int]) -> tuple[Policy, DictConfig, NavigationEnv]:
     policy = load(directory, trust=trust)
     cfg = load_config(directory)
@@ -164,9 +187,12 @@ def main() -> None:
     with one_sentence_errors():
         set_threads(args.threads)
         if args.contexts is not None:
-            print(evaluate_route(args.run, args.contexts, dict(args.route), args.output, args.trust, **changes))
+            evaluate_route(args.run, args.contexts, dict(args.route), args.output, args.trust, **changes)
+            rooms = pd.read_csv((args.output or args.run / "evaluation") / "rooms.csv")
+            print_summary(rooms, label="room", demonstrated=demonstrated_objectives(load_config(args.run)))
         else:
-            print(evaluate_run(args.run, args.output, args.trust, **changes))
+            evaluate_run(args.run, args.output, args.trust, **changes)
+            show_evaluation(args.run, args.output)
         print(f"Tables and figures are in {args.output or args.run / 'evaluation'}")
 
 

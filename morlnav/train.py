@@ -19,8 +19,8 @@ from omegaconf import DictConfig, OmegaConf
 
 from morlnav import policy as policies
 from morlnav.analysis import flat_settings, load_fronts
-from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet, set_threads, stage
-from morlnav.evaluate import evaluate_run
+from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, set_threads, stage
+from morlnav.evaluate import evaluate_run, show_evaluation
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.trainers import make_trainer
 from morlnav.trainers.drex import learn_demonstration_rewards
@@ -74,10 +74,11 @@ def run(cfg: DictConfig, directory: Path) -> str | None:
         print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={directory}")
         return None
     policies.save(trainer.checkpoint.components["average"].module, directory)
-    print(f"\nTrained for {(time.perf_counter() - start) / 60:.1f} minutes.")
+    print(f"\nTrained for {duration(time.perf_counter() - start)}.")
     with stage("evaluation", cfg.trainer.progress_bar):
         table = evaluate_run(directory, trust=True)
-    print(f"{table}\nEverything is in {directory}")
+    show_evaluation(directory)
+    print(f"Everything is in {directory}")
     return table
 
 

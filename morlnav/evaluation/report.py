@@ -110,18 +110,26 @@ def _unknown(reference_point: Tensor, rewards: Sequence[str]) -> list[str]:
 def _table(summary: pd.DataFrame, total: pd.DataFrame, faithful: pd.DataFrame, front: pd.DataFrame) -> str:
     weights = [name for name in summary if name.startswith("lambda_")]
     shown = _shown(summary)
-    last = ["**all**", *[""] * (len(weights) - 1), *_cells(total.iloc[0], shown)]
+    last = ["**all**", *[""] * (len(weights) - 1), *cells(total.iloc[0], shown)]
     lines = [markdown_table(summary, weights), _row(last), ""]
-    episodes, scenes = int(total["episodes"].iloc[0]), int(summary["episodes"].iloc[0])
+    return "\n".join([*lines, *sentences(summary, faithful, front)])
+
+
+def sentences(summary: pd.DataFrame, faithful: pd.DataFrame, front: pd.DataFrame) -> list[str]:
+    """What a report says in words: what was driven, how λ is obeyed, and how good the front is.
+
+    Args:
+        summary: from :func:`~morlnav.evaluation.summarise`.
+        faithful: from :func:`~morlnav.evaluation.fidelity`.
+        front: from :func:`~morlnav.evaluation.front_table`.
+    """
+    episodes, scenes = int(summary["episodes"].sum()), int(summary["episodes"].iloc[0])
     plural = "s" if len(summary) > 1 else ""
-    lines.append(
-        f"{episodes} episodes: {len(summary)} preference{plural} in {scenes} scenes. Times count successes only."
-    )
+    lines = [f"{episodes} episodes: {len(summary)} preference{plural} in {scenes} scenes. Times count successes only."]
     for _, row in faithful.dropna(subset="spearman").drop_duplicates("objective").iterrows():
         metric = f"{'more' if row['sign'] > 0 else 'less'} {row['metric'].replace('_', ' ')}"
         lines.append(f"Fidelity of {row['objective']} ({metric}): Spearman {row['spearman']:.2f}.")
-    lines.append(describe_front(front))
-    return "\n".join(lines)
+    return [*lines, describe_front(front)]
 
 
 def markdown_table(summary: pd.DataFrame, labels: Sequence[str]) -> str:
@@ -133,11 +141,11 @@ def markdown_table(summary: pd.DataFrame, labels: Sequence[str]) -> str:
     | hall | 100.0 |
     """
     shown = _shown(summary)
-    heading = [name.removeprefix("lambda_") for name in labels] + [_column(name)[0] for name in shown]
+    heading = [name.removeprefix("lambda_") for name in labels] + [column(name)[0] for name in shown]
     lines = [_row(heading), _row(["--:"] * len(heading))]
     for _, row in summary.iterrows():
         lead = [row[name] if isinstance(row[name], str) else f"{row[name]:.2f}" for name in labels]
-        lines.append(_row(lead + _cells(row, shown)))
+        lines.append(_row(lead + cells(row, shown)))
     return "\n".join(lines)
 
 
@@ -147,12 +155,14 @@ def _shown(summary: pd.DataFrame) -> list[str]:
     return [name for name in dict.fromkeys([*TABLE, *own]) if name in summary]
 
 
-def _column(name: str) -> tuple[str, int]:
+def column(name: str) -> tuple[str, int]:
+    """Heading and digits of a metric in a readable table."""
     return TABLE.get(name, (f"Fréchet {name.removeprefix('frechet_')} m", 2))
 
 
-def _cells(row: pd.Series, names: Sequence[str]) -> list[str]:
-    return ["–" if pd.isna(row[name]) else f"{row[name]:.{_column(name)[1]}f}" for name in names]
+def cells(row: pd.Series, names: Sequence[str]) -> list[str]:
+    """The metrics of a row as they are read; a dash for what no episode gave."""
+    return ["–" if pd.isna(row[name]) else f"{row[name]:.{column(name)[1]}f}" for name in names]
 
 
 def _row(cells: Sequence[str]) -> str:

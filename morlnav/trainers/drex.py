@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from itertools import pairwise
@@ -26,6 +26,7 @@ from morlnav.envs import NavigationEnv, default_objectives
 from morlnav.evaluation import Thresholds, evaluate_policy, frechet_distance
 from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, load_weights, read_facts, save_reward
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
+from morlnav.record.tables import verdict_of
 from morlnav.trainers.auditing import audit_run
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
 from morlnav.trainers.styles import (
@@ -58,13 +59,16 @@ def stage_directory(cfg: DictConfig, *groups: str) -> Path:
 
 
 @contextmanager
-def _stage(cfg: DictConfig, name: str, path: Path) -> Iterator[bool]:
-    """One stage, whose result goes to ``path``; gives whether it is there. Parallel runs wait for one of them."""
+def _stage(cfg: DictConfig, name: str, path: Path) -> Iterator[tuple[bool, Callable[[str], None]]]:
+    """One stage, whose result goes to ``path``; gives whether it is there, and what adds a remark to its line.
+
+    Parallel runs wait for one of them.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(path.with_suffix(".lock")):
         done = path.exists()
-        with stage(_label(cfg, name), cfg.trainer.progress_bar, done):
-            yield done
+        with stage(_label(cfg, name), cfg.trainer.progress_bar, done) as remark:
+            yield done, remark
 
 
 def learn_demonstration_rewards(cfg: DictConfig, directory: Path, logger: Logger | None = None) -> None:
@@ -117,7 +121,7 @@ def _label(cfg: DictConfig, name: str) -> str:
 def make_demonstrations(cfg: DictConfig) -> TensorDict:
     """Record the demonstrator, or take the recording from the cache."""
     path = stage_directory(cfg, *WORLD, "demonstrations")
-    with _stage(cfg, "demonstrations", path) as done:
+    with _stage(cfg, "demonstrations", path) as (done, _):
         if not done:
             data, tries = build(
                 cfg.demonstrations, sampler=build(cfg.env.scenes), world=build(cfg.world, device=cfg.device)
@@ -132,7 +136,7 @@ def make_demonstrations(cfg: DictConfig) -> TensorDict:
 def train_clone(cfg: DictConfig, demonstrations: TensorDict, logger: Logger | None = None) -> nn.Module:
     """Clone the demonstrator by regression on its clean actions, or load the clone from the cache."""
     path = stage_directory(cfg, *STAGES[:-1]).with_suffix(".pt")
-    with torch.random.fork_rng(devices=[]), _stage(cfg, "clone", path) as done:
+    with torch.random.fork_rng(devices=[]), _stage(cfg, "clone", path) as (done, _):
         torch.manual_seed(cfg.seed)  # the same clone, and the same draws after it, whatever comes from the cache
         actor, robot = make_clone(cfg), build(cfg.world.robot)
         if done:
@@ -206,7 +210,7 @@ def make_ranked_rollouts(cfg: DictConfig, clone: nn.Module) -> TensorDict:
 def train_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None = None) -> nn.Module:
     """Learn a reward model from ranked roll-outs, or load it from the cache."""
     path = _reward_file(cfg)
-    with _stage(cfg, "reward", path) as done:
+    with _stage(cfg, "reward", path) as (done, _):
         if not done:
             model, scores = _fit_reward(cfg, clone, logger)
             save_reward(model, path, {"held_out": scores})
@@ -261,7 +265,7 @@ def _fit_reward(cfg: DictConfig, clone: nn.Module, logger: Logger | None) -> tup
 def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
     """Judge the reward in the cache, unless that was done; puts the report beside the run's reward."""
     report = stage_directory(cfg, *STAGES, f"objectives.{style_of(cfg)}", "audit")
-    with _stage(cfg, "audit", report) as done:
+    with _stage(cfg, "audit", report) as (done, remark):
         if not done:
             unfinished = report.with_suffix(".part")
             settings = {"num_scenes": cfg.audit.scenes, "scene_seed": cfg.audit.scene_seed, "plans": cfg.audit.plans}
@@ -273,7 +277,9 @@ def audit(cfg: DictConfig, directory: Path) -> dict[str, Any]:
                 (unfinished / "audit.json").write_text(json.dumps({"passed": False, "reasons": [str(error)]}))
             unfinished.rename(report)
         shutil.copytree(report, style_directory(directory, style_of(cfg)) / "audit", dirs_exist_ok=True)
-        return json.loads((report / "audit.json").read_text())
+        verdict = json.loads((report / "audit.json").read_text())
+        remark(verdict_of(verdict["reasons"]))
+        return verdict
 
 
 def _reward_file(cfg: DictConfig) -> Path:

@@ -12,7 +12,7 @@ def make_run(directory, values=(0.25, 0.5), evaluated=True, **config):
     logger = TensorboardCSVLogger("logs", directory)
     for step, value in enumerate(values, start=1):
         logger.log_scalar("train/success", value, step=10 * step)
-        logger.log_scalar("evaluation/navigation_time/0.50_0.50", 2 * value, step=10 * step)
+        logger.log_scalar("evaluation/navigation_time/distance=0.5,efficiency=0.5", 2 * value, step=10 * step)
     OmegaConf.save(
         {"seed": 0, "resume": None, "loss": {"gamma": 0.9, "angles": {"none": None}}} | config,
         directory / "config.yaml",
@@ -29,7 +29,7 @@ def test_a_run_is_one_long_table(tmp_path):
     logs = load_run(make_run(tmp_path / "first"))
     assert logs.to_dict("list") == {
         "run": ["first"] * 4,
-        "metric": ["evaluation/navigation_time/0.50_0.50"] * 2 + ["train/success"] * 2,
+        "metric": ["evaluation/navigation_time/distance=0.5,efficiency=0.5"] * 2 + ["train/success"] * 2,
         "step": [10, 20, 10, 20],
         "value": [0.5, 1.0, 0.25, 0.5],
     }

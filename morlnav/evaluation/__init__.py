@@ -4,6 +4,7 @@ from morlnav.evaluation.alternatives import Behaviour, PathFollower, alternative
 from morlnav.evaluation.audit import Audit, Thresholds, audit_reward
 from morlnav.evaluation.audit_report import write_audit
 from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
+from morlnav.evaluation.labels import preference_label, read_preference_label
 from morlnav.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.evaluation.pareto import expected_utility, hypervolume, pareto_mask, utility
 from morlnav.evaluation.paths import shortest_path, shortest_polylines
@@ -38,6 +39,8 @@ __all__ = [
     "overall",
     "pareto_mask",
     "paths_around",
+    "preference_label",
+    "read_preference_label",
     "read_reference",
     "reference_from_bounds",
     "reference_paths",

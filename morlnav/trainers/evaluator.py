@@ -15,6 +15,7 @@ from morlnav.evaluation import (
     episode_metrics,
     evaluate_policy,
     expected_utility,
+    preference_label,
     shortest_path,
     summarise,
 )
@@ -84,7 +85,8 @@ class EvaluatePolicy(PeriodicHook):
         metrics["expected_utility"] = expected_utility(rollouts.reward.sum(2).mean(1), self.preferences)
         summary = summarise(episodes, resamples=2)  # its means alone are wanted
         for row, keys in zip(summary.to_dict("records"), values.tolist(), strict=True):
-            label = "_".join(f"{row[f'lambda_{name}']:.2f}" for name in tuneable_objectives(episodes))
+            names = tuneable_objectives(episodes)
+            label = preference_label(names, [row[f"lambda_{name}"] for name in names])
             metrics[f"success/{label}"] = row["SR"] / 100
             metrics |= {f"{name}/{label}": row[name] for name in metric_columns(episodes)}
             metrics |= {f"key_{name}/{label}": key for name, key in zip(rewards, keys, strict=True)}

@@ -27,8 +27,9 @@ from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPILSCon
 from torch import Tensor
 
 from morlnav.data import preference_edges
+from morlnav.evaluation import reference_from_bounds
 from morlnav.modules import load_reward
-from morlnav.navigation.envs import ENV_ID, DemonstrationObjective, Objective, default_objectives
+from morlnav.navigation.envs import ENV_ID, DemonstrationObjective, NavigationEnv, Objective, default_objectives
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
 from morlnav.navigation.modules import CircumnavigationOracle, NavigationFeatures
 
@@ -126,7 +127,9 @@ def evaluate(policy: Policy, objectives: dict[str, Objective], directory: Path, 
     scenes = evaluation_scenes(episodes, seed=12345)
     rollouts = evaluate_policy(policy, scenes, preference_edges(tuneable, steps), objectives=objectives)
     references = reference_paths(scenes, CircumnavigationOracle())
-    return write_report(rollouts, directory, tuple(objectives), references=references)
+    bounds = NavigationEnv(objectives=objectives).reward_bounds
+    reference = reference_from_bounds(bounds, max_steps=250)  # as evaluate_policy drives
+    return write_report(rollouts, directory, tuple(objectives), references=references, reference_point=reference)
 
 
 def objectives_with(reward: Path | None) -> dict[str, Objective]:

@@ -54,8 +54,9 @@ def load_sweep(source: Runs) -> pd.DataFrame:
         source: a sweep's directory, or run directories; runs that have logged nothing are left out.
 
     Returns:
-        As for :func:`load_run`, with one more column per config value that is not the same in all runs, by its dotted
-        name, such as ``seed`` or ``loss.gamma``.
+        As for :func:`load_run`, with one more column per setting that is not the same in all runs: by the word that was
+        typed, such as ``seed`` or ``ablation``, which stands for all that it changes, and by the dotted names of other
+        config values that differ, such as ``loss.gamma``.
 
     Raises:
         FileNotFoundError: if there are no runs, or none of them has logs.
@@ -189,10 +190,34 @@ def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -
 
 
 def _differences(runs: dict[str, Path]) -> pd.DataFrame:
+    """The settings in which runs differ: the words that were typed, and what these do not explain.
+
+    A word such as ``ablation=no_human`` stands for all that it changes.
+    """
     configs = pd.DataFrame([flat_settings(load_config(path), path) for path in runs.values()])
-    different = configs.loc[:, configs.nunique(dropna=False) > 1]
+    chosen = [_chosen(path) for path in runs.values()]
+    keys = dict.fromkeys(key for words in chosen for key in words)
+    rows = zip(configs.to_dict("records"), chosen, strict=True)
+    typed = pd.DataFrame([{key: flat.get(key, words.get(key)) for key in keys} for flat, words in rows])
+    words = [name for name in typed if typed[name].nunique(dropna=False) > 1]
+    same = typed[words].astype(str).agg(", ".join, axis=1) if words else pd.Series("", configs.index)
+    unexplained = configs.groupby(same).nunique(dropna=False).max() > 1
+    different = pd.concat([typed[words], configs.loc[:, unexplained].drop(columns=words, errors="ignore")], axis=1)
     different.insert(0, "run", list(runs))
     return different
+
+
+def _chosen(run: Path) -> dict[str, str]:
+    """The words of the command line, and the choice of every group, for a run beside this may have typed another."""
+    folder = run / ".hydra"
+    if not (folder / "overrides.yaml").is_file():
+        return {}
+    words = [word.lstrip("+~").partition("=") for word in OmegaConf.load(folder / "overrides.yaml")]
+    choices = {}
+    if (folder / "hydra.yaml").is_file():
+        choices = OmegaConf.select(OmegaConf.load(folder / "hydra.yaml"), "hydra.runtime.choices") or {}
+    groups = {group: choice for group, choice in choices.items() if not group.startswith("hydra/")}
+    return groups | {key: value for key, _, value in words if key != "resume"}
 
 
 def flat_settings(cfg: DictConfig, run: Path, resolve: bool = True) -> dict[str, object]:

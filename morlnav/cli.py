@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import io
 import logging
+import os
 import re
+import select
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -31,7 +34,10 @@ def conf_dir() -> str:
 
 
 def quiet() -> None:
-    """Keep the libraries' notes to developers off a user's screen."""
+    """Keep the libraries' notes to developers off a user's screen, and print what a terminal cannot show as ``?``."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
     logging.getLogger("torchrl").setLevel(logging.WARNING)
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", category=FutureWarning, module="torchrl")
@@ -65,13 +71,23 @@ def set_threads(number: int) -> None:
 def one_sentence_errors() -> Iterator[None]:
     """Turn a user's mistake into one sentence on standard error and exit status 1.
 
+    A reader that has seen enough, as ``head``, ends the command without a word.
+
     >>> with one_sentence_errors():
     ...     raise ValueError("Seeds must not be negative.")
     Traceback (most recent call last):
     SystemExit: Seeds must not be negative.
     """
     try:
-        yield
+        try:
+            yield
+        finally:
+            sys.stdout.flush()  # here, not at the interpreter's exit, which would complain
+    except BrokenPipeError:
+        if not _nobody_reads():
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
     except KeyboardInterrupt:
         sys.exit("Interrupted.")
     except InstantiationException as error:
@@ -91,6 +107,15 @@ def one_sentence_errors() -> Iterator[None]:
         sys.exit(_first_line(error))
 
 
+def _nobody_reads() -> bool:
+    """Whether it is the standard output that is closed at its other end, and not the pipe to a worker."""
+    if not hasattr(select, "poll"):  # Windows
+        return True
+    poll = select.poll()
+    poll.register(sys.stdout.fileno(), 0)
+    return bool(poll.poll(0))
+
+
 def _first_line(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
@@ -106,9 +131,29 @@ def _unknown_key(key: str) -> str:
     return f"There is no {name} {where}; choose from: {', '.join(map(str, node))} (or add it as +{key}=VALUE)."
 
 
+def duration(seconds: float) -> str:
+    """A time as one says it.
+
+    >>> duration(7.3), duration(754.0), duration(9000.0)
+    ('7 seconds', '12.6 minutes', '2.5 hours')
+    """
+    if seconds < 120:
+        return f"{seconds:.0f} second{'' if round(seconds) == 1 else 's'}"
+    return f"{seconds / 60:.1f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
+
+
 @contextmanager
-def stage(name: str, show: bool, cached: bool = False) -> Iterator[None]:
-    """One line of the progress display: the stage's name, and the time it took or that it came from the cache."""
+def stage(name: str, show: bool, cached: bool = False) -> Iterator[Callable[[str], None]]:
+    """One line of the progress display: the stage's name, and the time it took or that it came from the cache.
+
+    Gives a function that adds a remark to the line.
+    """
     with tqdm(desc=name, bar_format="{desc}: {elapsed}{postfix}", disable=not show) as line:
-        line.set_postfix_str("from the cache" if cached else "")
-        yield
+        remarks = ["from the cache"] if cached else []
+
+        def remark(text: str) -> None:
+            remarks.append(text)
+            line.set_postfix_str(", ".join(remarks))
+
+        line.set_postfix_str(", ".join(remarks))
+        yield remark

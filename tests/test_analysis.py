@@ -12,7 +12,7 @@ def make_run(directory, values=(0.25, 0.5), evaluated=True, **config):
     logger = TensorboardCSVLogger("logs", directory)
     for step, value in enumerate(values, start=1):
         logger.log_scalar("train/success", value, step=10 * step)
-        logger.log_scalar("evaluation/navigation_time/0.50_0.50", 2 * value, step=10 * step)
+        logger.log_scalar("evaluation/navigation_time/distance=0.5,efficiency=0.5", 2 * value, step=10 * step)
     OmegaConf.save(
         {"seed": 0, "resume": None, "loss": {"gamma": 0.9, "angles": {"none": None}}} | config,
         directory / "config.yaml",
@@ -29,7 +29,7 @@ def test_a_run_is_one_long_table(tmp_path):
     logs = load_run(make_run(tmp_path / "first"))
     assert logs.to_dict("list") == {
         "run": ["first"] * 4,
-        "metric": ["evaluation/navigation_time/0.50_0.50"] * 2 + ["train/success"] * 2,
+        "metric": ["evaluation/navigation_time/distance=0.5,efficiency=0.5"] * 2 + ["train/success"] * 2,
         "step": [10, 20, 10, 20],
         "value": [0.5, 1.0, 0.25, 0.5],
     }
@@ -79,6 +79,47 @@ def test_a_sweep_shows_the_settings_that_differ(tmp_path):
     settings = logs[["run", "seed", "loss.gamma"]].drop_duplicates().to_numpy().tolist()
     assert settings == [["0", 0, 0.9], ["1", 1, 0.95]]
     assert logs.groupby("run").size().to_dict() == {"0": 4, "1": 2}
+
+
+def type_words(directory, *words, **choices):
+    (directory / ".hydra").mkdir()
+    OmegaConf.save(list(words), directory / ".hydra" / "overrides.yaml")
+    if choices:
+        OmegaConf.save({"hydra": {"runtime": {"choices": choices}}}, directory / ".hydra" / "hydra.yaml")
+
+
+def columns_of(table):
+    return list(table)[1 : list(table).index("metric")]
+
+
+def test_a_setting_is_named_by_the_word_that_was_typed(tmp_path):
+    for number, (seed, ablation) in enumerate([(0, "none"), (1, "none"), (0, "no_human"), (1, "no_human")]):
+        sees = ablation == "none"
+        config = {"env": {"observe_human": sees}, "ranking": {"observe_human": sees}, "demonstrations": {"seed": seed}}
+        run = make_run(tmp_path / f"{number}", seed=seed, **config)
+        type_words(run, f"seed={seed}", f"ablation={ablation}", "threads=1")
+    table = load_sweep(tmp_path)
+    assert columns_of(table) == ["seed", "ablation"]
+    runs = table.drop_duplicates("run")[["seed", "ablation"]].values.tolist()
+    assert runs == [[0, "none"], [1, "none"], [0, "no_human"], [1, "no_human"]]
+
+
+def test_a_choice_that_one_run_did_not_type_is_known_from_hydra(tmp_path):
+    type_words(make_run(tmp_path / "0", sees=True), "seed=0", ablation="none", trainer="smoke")
+    type_words(
+        make_run(tmp_path / "1", sees=False), "seed=0", "ablation=no_human", ablation="no_human", trainer="smoke"
+    )
+    table = load_sweep(tmp_path)
+    assert columns_of(table) == ["ablation"]
+    assert table["ablation"].unique().tolist() == ["none", "no_human"]
+
+
+def test_what_words_do_not_explain_is_named_too(tmp_path):
+    for number, (seed, gamma) in enumerate([(1, 0.9), (2, 0.9), (1, 0.95), (2, 0.95)]):  # another default in between
+        type_words(make_run(tmp_path / f"{number}", seed=seed, loss={"gamma": gamma}), f"seed={seed}")
+    table = load_sweep(tmp_path)
+    assert columns_of(table) == ["seed", "loss.gamma"]
+    assert table.drop_duplicates("run")["loss.gamma"].tolist() == [0.9, 0.9, 0.95, 0.95]
 
 
 def test_settings_may_be_lists_and_may_be_missing(tmp_path):

@@ -40,7 +40,8 @@ from morlnav.modules import (
     round_products,
 )
 from morlnav.navigation.envs import DemonstrationObjective, NavigationEnv, default_objectives
-from morlnav.navigation.modules import AfterstateFeatures, CircumnavigationOracle, WanderingNoise
+from morlnav.navigation.modules import AfterstateFeatures, CircumnavigationOracle
+from morlnav.navigation.modules.noise import WanderingNoise
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld
 from morlnav.objectives import AngleTerm, ClampedAngleTerm, Guidance, LinearScalarisation, MORLTD3Loss
 from morlnav.transforms import DemonstrationReward, DrawPreference, HindsightPreferenceRelabel

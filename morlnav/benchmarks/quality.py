@@ -12,6 +12,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from morlnav.benchmarks.timing import Row
 from morlnav.deployment.policy import load_config
+from morlnav.evaluation import preference_label
 from morlnav.trainers.builders import make_base_env
 
 TITLE = "From an empty directory to the quality bar"
@@ -69,8 +70,8 @@ def bar(cfg: DictConfig) -> dict[str, tuple[float, float]]:
     """Lowest and highest allowed value of every logged metric that the bar is about."""
     env = make_base_env(cfg, num_envs=1)
     corners = {
-        name: "_".join(f"{float(index == other):.2f}" for other in range(len(env.objectives)))
-        for index, name in enumerate(env.objectives)
+        name: preference_label(env.objectives, [float(name == other) for other in env.objectives])
+        for name in env.objectives
     }
     demands = {"success": (0.99, 1), "collision_human": (0, 0.005), "collision_box": (0, 0.005), "timeout": (0, 0.005)}
     if "distance" in corners:

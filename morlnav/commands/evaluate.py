@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
+import pandas as pd
 import torch
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
@@ -17,16 +18,20 @@ from morlnav.deployment.policy import Policy, load, load_config
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.evaluation import (
     Rollouts,
-    default_reference,
     episode_metrics,
     evaluate_policy,
     evaluation_scenes,
     markdown_table,
+    overall,
+    read_reference,
+    reference_from_bounds,
     summarise,
     write_report,
 )
+from morlnav.navigation.evaluation.report import sentences
+from morlnav.record.tables import audit_line, make_console, print_summary
 from morlnav.trainers.builders import make_base_env
-from morlnav.trainers.styles import demonstrated_paths
+from morlnav.trainers.styles import demonstrated_objectives, demonstrated_paths, style_directory
 
 
 def evaluate_run(directory: Path, output: Path | None = None, trust: bool = False, **changes: int) -> str:
@@ -49,8 +54,19 @@ def evaluate_run(directory: Path, output: Path | None = None, trust: bool = Fals
         rewards=tuple(env.rewards),
         world=env.world,
         references=demonstrated_paths(cfg, rollouts.scene[0], env.world, directory),
-        reference_point=default_reference(len(env.rewards), len(env.objectives), cfg.env.max_steps),
+        reference_point=hypervolume_reference(cfg, env),
     )
+
+
+def hypervolume_reference(cfg: DictConfig, env: NavigationEnv) -> Tensor:
+    """The reference point ``[m]`` of a run: what ``evaluation.reference`` says, the rest from the rewards' bounds.
+
+    Raises:
+        ValueError: if the config's numbers or names do not fit the objectives.
+    """
+    given = cfg.evaluation.get("reference")
+    given = OmegaConf.to_container(given, resolve=True) if OmegaConf.is_config(given) else given
+    return read_reference(given, tuple(env.rewards), reference_from_bounds(env.reward_bounds, cfg.env.max_steps))
 
 
 def evaluate_route(
@@ -89,6 +105,25 @@ def evaluate_route(
     output.mkdir(parents=True, exist_ok=True)
     summary.to_csv(output / "rooms.csv", index=False)
     return markdown_table(summary, ["room"])
+
+
+def show_evaluation(directory: Path, output: Path | None = None) -> None:
+    """Print what an evaluation found, in a few lines that fit a terminal.
+
+    Args:
+        directory: of the run, which keeps the audits of its rewards.
+        output: where its evaluation lies; ``directory/evaluation`` by default.
+    """
+    output, console = output or directory / "evaluation", make_console()
+    episodes, summary, faithful, front = (
+        pd.read_csv(output / f"{name}.csv") for name in ("episodes", "summary", "fidelity", "front")
+    )
+    demonstrated = demonstrated_objectives(load_config(directory))
+    print_summary(summary, overall(episodes, resamples=2), demonstrated=demonstrated, console=console)
+    audits = [audit_line(style_directory(directory, name) / "audit", name) for name in demonstrated]
+    for line in [*sentences(summary, faithful, front), *filter(None, audits)]:
+        console.print(line)
+    console.print(f"All rows and columns are in {output / 'table.md'}", soft_wrap=True)
 
 
 def _load(directory: Path, trust: bool, changes: Mapping[str, int]) -> tuple[Policy, DictConfig, NavigationEnv]:
@@ -152,9 +187,12 @@ def main() -> None:
     with one_sentence_errors():
         set_threads(args.threads)
         if args.contexts is not None:
-            print(evaluate_route(args.run, args.contexts, dict(args.route), args.output, args.trust, **changes))
+            evaluate_route(args.run, args.contexts, dict(args.route), args.output, args.trust, **changes)
+            rooms = pd.read_csv((args.output or args.run / "evaluation") / "rooms.csv")
+            print_summary(rooms, label="room", demonstrated=demonstrated_objectives(load_config(args.run)))
         else:
-            print(evaluate_run(args.run, args.output, args.trust, **changes))
+            evaluate_run(args.run, args.output, args.trust, **changes)
+            show_evaluation(args.run, args.output)
         print(f"Tables and figures are in {args.output or args.run / 'evaluation'}")
 
 

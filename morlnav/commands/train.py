@@ -20,10 +20,9 @@ from omegaconf import DictConfig, OmegaConf
 from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
 
-from morlnav import policy as policies
 from morlnav.analysis import load_fronts
-from morlnav.cli import conf_dir, keep_freed_memory, one_sentence_errors, quiet, set_threads, stage
-from morlnav.commands.evaluate import evaluate_run
+from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, set_threads, stage
+from morlnav.commands.evaluate import evaluate_run, show_evaluation
 from morlnav.deployment import policy as policies
 from morlnav.record.loggers import TensorboardCSVLogger
 from morlnav.resuming import resumed_words
@@ -117,10 +116,11 @@ def _train(cfg: DictConfig, directory: Path, trainer: Trainer) -> str | None:
         print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={directory}")
         return None
     policies.save(trainer.checkpoint.components["average"].module, directory)
-    print(f"\nTrained for {(time.perf_counter() - start) / 60:.1f} minutes.")
+    print(f"\nTrained for {duration(time.perf_counter() - start)}.")
     with stage("evaluation", cfg.trainer.progress_bar):
         table = evaluate_run(directory, trust=True)
-    print(f"{table}\nEverything is in {directory}")
+    show_evaluation(directory)
+    print(f"Everything is in {directory}")
     return table
 
 

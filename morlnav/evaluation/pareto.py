@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-from torch import Tensor, nn
+from collections.abc import Callable
+from typing import TypeAlias
+
+import moocore
+import torch
+from torch import Tensor
 
 from morlnav.objectives.scalarisation import LinearScalarisation
 
@@ -22,17 +26,16 @@ def pareto_mask(points: Tensor) -> Tensor:
         tensor([ True,  True, False])
     """
     _check_points(points)
-    weakly = (points[:, None] >= points[None]).all(-1)
-    return ~(weakly & ~weakly.T).any(0)
+    kept = moocore.is_nondominated(points.detach().cpu().double().numpy(), maximise=True, keep_weakly=True)
+    return torch.from_numpy(kept).to(points.device)
 
 
 def hypervolume(points: Tensor, reference: Tensor) -> float:
     """Volume of what ``points`` ``[N, m]`` dominate above ``reference`` ``[m]``; exact, for any number of objectives.
 
     Larger is better in every objective. The volume depends on the reference point: compare only values with the same
-    one, and choose it worse than anything seen. Points that do not exceed it in every objective add nothing. Follows
-    the WFG algorithm (While et al., 2012): the sum of what each point adds to those after it, which is fast for
-    fronts of up to about a hundred points.
+    one, and choose it worse than anything that can happen, as :func:`~morlnav.evaluation.reference_from_bounds` does.
+    Points that do not exceed it in every objective add nothing.
 
     Raises:
         ValueError: if the shapes do not fit, or a number is not finite.
@@ -47,34 +50,21 @@ def hypervolume(points: Tensor, reference: Tensor) -> float:
         raise ValueError(
             f"The reference point needs {points.shape[1]} finite numbers, one per objective; got {reference.tolist()}."
         )
-    gains = (points - reference).double()
-    gains = gains[(gains > 0).all(-1)]
-    return _volume(gains.cpu().numpy())
+    above = points.detach()[(points > reference).all(-1)].cpu().double()
+    return float(moocore.hypervolume(above.numpy(), ref=reference.cpu().double().numpy(), maximise=True))
 
 
-def _volume(gains: np.ndarray) -> float:
-    """Volume of the union of the boxes between the origin and each row of ``gains`` ``[N, m]``."""
-    gains = np.unique(gains, axis=0)
-    dominated = (gains[:, None] >= gains[None]).all(-1).sum(0) > 1
-    gains = gains[~dominated]
-    if gains.shape[1] <= 2:  # sorted by the first objective, the second falls: a staircase
-        height = gains[:, -1] if gains.shape[1] == 2 else np.ones(len(gains))
-        return float((np.diff(gains[:, 0], prepend=0.0) * height).sum())
-    gains = gains[np.argsort(-gains[:, -1])]
-    # Each point's box, less the part that the points after it dominate as well.
-    return sum(
-        float(point.prod()) - _volume(np.minimum(point, gains[k + 1 :])) if k + 1 < len(gains) else float(point.prod())
-        for k, point in enumerate(gains)
-    )
+Scalarisation: TypeAlias = "Callable[[Tensor, int], Tensor]"
+"""Preferences ``[..., n]`` and the number ``m`` of objectives to weights ``[..., m]``, as in a loss."""
 
 
-def expected_utility(returns: Tensor, preferences: Tensor, scalarisation: nn.Module | None = None) -> float:
+def expected_utility(returns: Tensor, preferences: Tensor, scalarisation: Scalarisation | None = None) -> float:
     """Mean over λ of ``wᵀR(λ)``: what users with these preferences get from the policy conditioned on them.
 
     Args:
         returns: mean return vector of the policy under each preference, ``[P, m]``, static objectives first.
         preferences: λ, ``[P, n]``, ``n <= m``.
-        scalarisation: maps ``(λ, m)`` to weights; by default the paper's ``w = (1, …, 1, λ)`` (Eq. 2).
+        scalarisation: gives the weights ``w``, such as a loss's; ``(1, …, 1, λ)`` (Eq. 2) if ``None``.
 
     Raises:
         ValueError: if the shapes do not fit, or a number is not finite.
@@ -93,10 +83,8 @@ def expected_utility(returns: Tensor, preferences: Tensor, scalarisation: nn.Mod
     return float(utility(returns, preferences, scalarisation).mean())
 
 
-def utility(returns: Tensor, preferences: Tensor, scalarisation: nn.Module | None = None) -> Tensor:
-    """Scalarised returns ``wᵀR``: ``[..., m]`` and ``[..., n]`` give ``[...]``.
-
-    The weights are those of ``scalarisation``, by default the paper's ``w = (1, …, 1, λ)`` (Eq. 2).
+def utility(returns: Tensor, preferences: Tensor, scalarisation: Scalarisation | None = None) -> Tensor:
+    """Scalarised returns ``wᵀR``, by default with ``w = (1, …, 1, λ)`` (Eq. 2): ``[..., m]`` to ``[...]``.
 
     >>> import torch
     >>> utility(torch.tensor([1.0, 2.0, 4.0]), torch.tensor([0.5, 0.5]))

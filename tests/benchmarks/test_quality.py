@@ -19,7 +19,11 @@ def test_a_run_that_learned_nothing_never_met_the_bar(smoke_run):
 def test_the_bar_may_be_met_lost_and_met_for_good(smoke_run, tmp_path):
     shutil.copy(smoke_run / "config.yaml", tmp_path)
     demands = quality.bar(OmegaConf.load(smoke_run / "config.yaml"))
-    assert set(demands) >= {"success", "min_human_distance/1.00_0.00", "time_ratio/0.00_1.00"}
+    assert set(demands) >= {
+        "success",
+        "min_human_distance/distance=1,efficiency=0",
+        "time_ratio/distance=0,efficiency=1",
+    }
     logger, begin = TensorboardCSVLogger("logs", tmp_path), time.time()
     ends = []
     for step, good in enumerate([False, True, False, True, True]):

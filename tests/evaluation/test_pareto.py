@@ -1,7 +1,9 @@
+import time
+
 import pytest
 import torch
 
-from morlnav.evaluation import expected_utility, hypervolume, pareto_mask, utility
+from morlnav.evaluation import expected_utility, hypervolume, pareto_mask
 from morlnav.objectives import LinearScalarisation
 
 
@@ -66,3 +68,26 @@ def test_wrong_shapes_are_explained():
         expected_utility(points, torch.zeros(2, 2))
     with pytest.raises(ValueError, match="Preferences"):
         expected_utility(points, torch.zeros(3, 3))
+
+
+@pytest.mark.parametrize("num_objectives", [1, 2, 3, 4, 6])
+def test_hypervolume_agrees_with_another_library(num_objectives):
+    indicators = pytest.importorskip("morl_baselines.common.performance_indicators")
+    points = torch.randn(20, num_objectives, generator=torch.Generator().manual_seed(num_objectives))
+    reference = torch.full((num_objectives,), -1.0)
+    theirs = indicators.hypervolume(reference.double().numpy(), list(points.double().numpy()))
+    assert hypervolume(points, reference) == pytest.approx(theirs)
+    assert theirs > 0
+
+
+def test_a_front_of_many_points_and_objectives_is_measured_at_once():
+    points = torch.rand(141, 7, generator=torch.Generator().manual_seed(0))
+    start = time.perf_counter()
+    assert 0 < hypervolume(points, torch.zeros(7)) < 1
+    assert time.perf_counter() - start < 10
+
+
+def test_utility_follows_the_scalarisation_of_the_loss():
+    returns, preferences = torch.tensor([[100.0, -10.0, -50.0]]), torch.tensor([[1.0, 0.0]])
+    scalarisation = LinearScalarisation(scale=0.5, tie_break=0.1)
+    assert expected_utility(returns, preferences, scalarisation) == pytest.approx(100 - 0.6 * 10 - 0.1 * 50)

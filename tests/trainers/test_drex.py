@@ -42,7 +42,9 @@ def test_the_run_keeps_its_reward_model_and_needs_nothing_else(demonstration_run
     finally:
         moved.rename(directory / "run")
         hidden.rename(directory / "cache")
-    assert "| demo |" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "Fréchet m" in shown
+    assert "Audit of demo: " in shown
     assert (tmp_path / "again" / "table.md").is_file()
 
 

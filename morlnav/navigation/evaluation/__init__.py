@@ -3,7 +3,7 @@
 from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.navigation.evaluation.paths import shortest_path, shortest_polylines
 from morlnav.navigation.evaluation.references import reference_paths
-from morlnav.navigation.evaluation.report import default_reference, front_table, markdown_table, write_report
+from morlnav.navigation.evaluation.report import markdown_table, write_report
 from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluate_policy, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise
 
@@ -11,13 +11,11 @@ __all__ = [
     "Outcome",
     "Rollouts",
     "compare_extremes",
-    "default_reference",
     "episode_metrics",
     "evaluate_policy",
     "evaluation_scenes",
     "fidelity",
     "frechet_distance",
-    "front_table",
     "markdown_table",
     "overall",
     "reference_paths",

@@ -10,7 +10,7 @@ import re
 import select
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,7 +20,6 @@ from hydra.errors import ConfigCompositionException, HydraException, Instantiati
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torchrl.checkpoint import CheckpointError
-from tqdm import tqdm
 
 
 def conf_dir() -> str:
@@ -140,20 +139,3 @@ def duration(seconds: float) -> str:
     if seconds < 120:
         return f"{seconds:.0f} second{'' if round(seconds) == 1 else 's'}"
     return f"{seconds / 60:.1f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
-
-
-@contextmanager
-def stage(name: str, show: bool, cached: bool = False) -> Iterator[Callable[[str], None]]:
-    """One line of the progress display: the stage's name, and the time it took or that it came from the cache.
-
-    Gives a function that adds a remark to the line.
-    """
-    with tqdm(desc=name, bar_format="{desc}: {elapsed}{postfix}", disable=not show) as line:
-        remarks = ["from the cache"] if cached else []
-
-        def remark(text: str) -> None:
-            remarks.append(text)
-            line.set_postfix_str(", ".join(remarks))
-
-        line.set_postfix_str(", ".join(remarks))
-        yield remark

@@ -10,6 +10,7 @@ from morlnav.data.preferences import (
     UniformPreferences,
 )
 from morlnav.data.ranking import SnippetPairs, roll_out_ranked
+from morlnav.data.replay import ReplayBuffer
 from morlnav.data.simplex import preference_edges, simplex_grid
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "FixedPreferences",
     "GridPreferences",
     "PreferenceSampler",
+    "ReplayBuffer",
     "SegmentedPreferences",
     "SnippetPairs",
     "UniformPreferences",

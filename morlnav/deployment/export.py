@@ -11,8 +11,7 @@ from torch.export import Dim, ExportedProgram
 
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.deployment.policy import Policy, load
-from morlnav.modules import check_weights
-from morlnav.deployment.policy import Policy, load
+from morlnav.modules.checks import check_weights
 
 INPUTS = ("observation", "preference")
 OUTPUT = "action"

@@ -1,33 +1,26 @@
-"""Trained policies: saving and loading them without pickled code."""
+"""Trained policies: saving and loading them without pickled code, and without what they learned in."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
-from hydra.utils import get_object
-from omegaconf import DictConfig, OmegaConf
 from torch import Tensor, nn
-from yaml import YAMLError
 
-from morlnav.navigation.envs.checks import require
-from morlnav.modules import check_weights, load_reward, load_weights
-from morlnav.trainers.builders import make_base_env, make_networks
-from morlnav.trainers.styles import demonstrated_objectives, style_config, style_directory
+from morlnav.modules.checks import require
+from morlnav.modules.saved import load_module, read_facts, save_module
 
 POLICY_FILE = "policy.pt"
-CONFIG_FILE = "config.yaml"
-HARMLESS = ("morlnav.navigation.world.", "morlnav.navigation.envs.", "morlnav.modules.")
 SUM_TOLERANCE = 1e-3
-HARMLESS = ("morlnav.navigation.world.", "morlnav.navigation.envs.", "morlnav.modules.")
-BUILT_ON_LOADING = ("world", "env", "objectives", "networks", "demonstrations.policy", "clone.actor")
 
 
 class Policy(nn.Module):
-    """A trained actor: ``policy(observation[..., 34], preference[..., n]) -> action[..., 2]`` in SI units.
+    """A trained actor: ``policy(observation[..., D], preference[..., n]) -> action[..., A]``.
 
-    Inputs that make no sense are refused. Compiled or exported it does not look at them; to :mod:`torch.export` and ONNX
-    goes :attr:`actor` alone.
+    For navigation these are raw observations ``[..., 34]`` and actions ``(v, ω)`` in m/s and rad/s. Inputs that make no
+    sense are refused. Compiled or exported it does not look at them; to :mod:`torch.export` and ONNX goes :attr:`actor`
+    alone.
 
     Args:
         actor: the network.
@@ -35,18 +28,18 @@ class Policy(nn.Module):
 
     Examples:
         >>> from morlnav.modules import Actor
-        >>> policy = Policy(Actor(2, [0.0, -3.14], [0.5, 3.14]), ("distance", "efficiency"))
+        >>> policy = Policy(Actor(2, [0.0, -3.14], [0.5, 3.14], features=34), ("distance", "efficiency"))
         >>> policy(torch.zeros(8, 34), torch.tensor([0.5, 0.5])).shape
         torch.Size([8, 2])
     """
 
-    def __init__(self, actor: nn.Module, objectives: tuple[str, ...]) -> None:
+    def __init__(self, actor: nn.Module, objectives: Sequence[str]) -> None:
         super().__init__()
         self.actor = actor
         self.objectives = tuple(objectives)
 
     def forward(self, observation: Tensor, preference: Tensor) -> Tensor:
-        """Actions ``(v, ω)`` in m/s and rad/s for raw observations; the preference broadcasts over them.
+        """Actions for observations; the preference broadcasts over them.
 
         Raises:
             ValueError: if the observation is not finite, or the preference no point of the simplex with one entry per
@@ -74,123 +67,41 @@ def _check_inputs(observation: Tensor, preference: Tensor) -> None:
     )
 
 
-def save(actor: nn.Module, directory: str | Path) -> None:
-    """Write the actor's weights into a run directory.
+def save(actor: nn.Module, objectives: Sequence[str], directory: str | Path) -> None:
+    """Write a policy into a run directory: its weights, and what it is as JSON.
 
     Raises:
-        ValueError: if they are not finite.
+        ValueError: if weights are not finite, or the actor cannot be described.
     """
-    check_weights(actor, "This policy")
-    torch.save(actor.state_dict(), Path(directory) / POLICY_FILE)
-
-
-def load_config(directory: str | Path, device: str = "cpu") -> DictConfig:
-    """The config of a run, for use on ``device`` wherever it was trained.
-
-    Raises:
-        FileNotFoundError: if the directory holds no run.
-        ValueError: if its config is damaged.
-
-    Examples:
-        >>> import tempfile
-        >>> run = Path(tempfile.mkdtemp())
-        >>> OmegaConf.save({"seed": 3, "device": "cuda"}, run / "config.yaml")
-        >>> load_config(run)
-        {'seed': 3, 'device': 'cpu'}
-    """
-    path = Path(directory) / CONFIG_FILE
-    if not path.is_file():
-        raise FileNotFoundError(f"{directory} is not a run directory: it holds no {CONFIG_FILE}.")
-    try:
-        cfg = OmegaConf.load(path)
-    except YAMLError as error:
-        raise ValueError(f"{path} is damaged: it is no YAML.") from error
-    cfg.device = device
-    for name in demonstrated_objectives(cfg):
-        if "device" in cfg.objectives[name].reward:
-            cfg.objectives[name].reward.device = device
-        reward = style_directory(path.parent, name) / "reward.pt"
-        if reward.is_file():
-            cfg.objectives[name].reward.path = str(reward)  # the run directory may have moved
-    return cfg
+    save_module(actor, Path(directory) / POLICY_FILE, {"objectives": list(objectives)})
 
 
 def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Policy:
     """Load the policy of a run directory.
 
     Args:
-        directory: where a run wrote its ``config.yaml`` and ``policy.pt``.
-        trust: also build classes from outside ``morlnav`` that the config names. Only for runs of your
-            own: building a class runs its code.
+        directory: where a run wrote its ``policy.pt`` and ``policy.json``.
+        trust: also build classes from outside ``morlnav`` that the policy is made of. Only for runs of your own:
+            building a class runs its code.
         device: where to put it, wherever it was trained.
 
     Returns:
         The averaged actor in evaluation mode.
 
     Raises:
-        FileNotFoundError: if the run or its policy is missing.
-        ValueError: if the config names foreign classes and is not trusted, or a file is damaged.
+        FileNotFoundError: if the policy is missing.
+        ValueError: if it is made of foreign classes and not trusted, or a file is damaged.
 
     Examples:
-        >>> policy = load("results/default")  # doctest: +SKIP
-        >>> policy.objectives  # doctest: +SKIP
+        >>> load("results/default").objectives
         ('demo', 'distance', 'efficiency')
     """
-    cfg = load_config(directory, device)
-    if not trust:
-        check_targets(cfg)
     path = Path(directory) / POLICY_FILE
     if not path.is_file():
-        raise FileNotFoundError(f"{directory} holds no {POLICY_FILE}: the run has not finished; continue it first.")
-    for name in demonstrated_objectives(cfg):
-        cfg.objectives[name].reward = None  # driving needs no reward
-    env = make_base_env(cfg, num_envs=1)
-    actor, _ = make_networks(cfg, env)
-    return Policy(load_weights(actor, path, device), env.objectives).requires_grad_(False).eval()
-
-
-def check_targets(node: DictConfig) -> None:
-    """Refuse a config from which loading would build classes from outside this package.
-
-    Raises:
-        ValueError: naming the foreign class.
-
-    Examples:
-        >>> check_targets(OmegaConf.create({"world": {"_target_": "elsewhere.World"}}))
-        Traceback (most recent call last):
-        ValueError: This run uses the foreign class elsewhere.World; if it is your own, load it with trust=True.
-    """
-    for name in dict.fromkeys(["demo", *demonstrated_objectives(node)]):
-        view = style_config(node, name)
-        for part in BUILT_ON_LOADING:
-            if (value := OmegaConf.select(view, part)) is not None:
-                _check(part, OmegaConf.to_container(value, resolve=False) if OmegaConf.is_config(value) else value)
-
-
-def _check(key: str, value: object) -> None:
-    if isinstance(value, dict):
-        for name, child in value.items():
-            _check(name, child)
-    elif isinstance(value, list):
-        for child in value:
-            _check(key, child)
-    elif key == "_target_" and not _is_ours(str(value)):
-        raise ValueError(f"This run uses the foreign class {value}; if it is your own, load it with trust=True.")
-    elif isinstance(value, str) and "${" in value:  # runs are saved resolved, and a resolver could make up a class
-        raise ValueError(f"The config of a run holds no interpolation, but {key} is {value}; load it with trust=True.")
-
-
-def _is_ours(path: str) -> bool:
-    """Whether ``path`` names a class of the packages that policies are made of, which do nothing when they are built.
-
-    The path alone does not tell: ``morlnav.deployment.policy.Path`` begins well and ends elsewhere.
-    """
-    if not path.startswith("morlnav."):
-        return False
-    try:
-        target = get_object(path)
-    except (ImportError, AttributeError, ValueError):
-        return False
-    if target is load_reward:  # reads weights and numbers, and builds three known classes
-        return True
-    return isinstance(target, type) and target.__module__.startswith(HARMLESS)
+        raise FileNotFoundError(f"{directory} holds no {POLICY_FILE}: no run has finished there.")
+    if not path.with_suffix(".json").is_file():
+        raise ValueError(f"{directory} was made by morlnav 0.1, which kept no policy.json; train it again.")
+    facts = read_facts(path)
+    if not isinstance(facts.get("objectives"), list):
+        raise ValueError(f"{path.with_suffix('.json')} is damaged: it names no objectives.")
+    return Policy(load_module(path, device, trust), facts["objectives"])

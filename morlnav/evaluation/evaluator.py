@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
-import torch
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
 from morlnav.data.simplex import preference_edges, simplex_grid
 from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
+from morlnav.evaluation.labels import preference_label
 from morlnav.evaluation.pareto import expected_utility
 from morlnav.evaluation.returns import discounted_returns
 
@@ -34,6 +33,7 @@ class Evaluation:
         rewards: names of the entries of the reward, static ones first.
         num_objectives: entries of λ.
         reward_bounds: least and largest reward of a step, ``[2, m]``.
+        scalarisation: weighs the returns in a utility, as the loss does; by default the paper's ``[1, λ]``.
         max_steps: time limit of an episode.
 
     Raises:
@@ -51,6 +51,7 @@ class Evaluation:
         rewards: Sequence[str],
         num_objectives: int,
         reward_bounds: Tensor,
+        scalarisation: nn.Module | None = None,
         max_steps: int = 1000,
     ) -> None:
         if episodes < 1 or steps < 1 or not 0 <= seed < HELD_OUT:
@@ -59,6 +60,7 @@ class Evaluation:
             )
         self.episodes, self.steps, self.seed = episodes, steps, seed
         self.make_env, self.rewards, self.num_objectives, self.max_steps = make_env, tuple(rewards), num_objectives, max_steps
+        self.scalarisation = scalarisation
         self.reference = read_reference(reference, self.rewards, reference_from_bounds(reward_bounds, max_steps))
 
     @property
@@ -84,19 +86,18 @@ class Evaluation:
             steps: of the grid of preferences.
         """
         preferences = simplex_grid(self.num_objectives, steps)
-        returns = self._returns(policy, preferences, episodes, self.seed + 1)
-        means = returns.mean(1)
-        metrics = {"expected_utility": expected_utility(means, preferences)}
+        means = self.returns(policy, preferences, episodes, self.seed + 1).mean(1)
+        metrics = {"expected_utility": expected_utility(means, preferences, self.scalarisation)}
         for preference, row in zip(preferences, means.tolist(), strict=True):
-            label = tag(preference, self.objectives)
+            label = preference_label(self.objectives, preference.tolist())
             metrics |= {f"return_{name}/{label}": value for name, value in zip(self.rewards, row, strict=True)}
         return metrics
 
     def report(self, policy: nn.Module, directory: Path) -> pd.DataFrame:
         """Measure a trained policy, write ``front.csv``, ``table.md`` and ``front.png``, and return the front."""
         preferences = self.preferences()
-        returns = self._returns(policy, preferences, self.episodes, self.seed)
-        table = front_table(preferences, returns, self.rewards, self.known_reference)
+        returns = self.returns(policy, preferences, self.episodes, self.seed)
+        table = front_table(preferences, returns, self.rewards, self.known_reference, self.scalarisation)
         directory.mkdir(parents=True, exist_ok=True)
         table.to_csv(directory / "front.csv", index=False)
         shown = table[[name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]]
@@ -108,22 +109,24 @@ class Evaluation:
             plot_front(table).savefig(directory / "front.png", dpi=150)
         return table
 
-    def _returns(self, policy: nn.Module, preferences: Tensor, episodes: int, seed: int) -> Tensor:
+    def returns(
+        self, policy: nn.Module, preferences: Tensor, episodes: int, seed: int, gamma: Tensor | float = 1.0
+    ) -> Tensor:
+        """Return vectors ``[P, E, m]`` of a policy, with the same ``E`` held-out episodes for each preference.
+
+        Args:
+            policy: maps observations ``[..., D]`` and preferences ``[..., n]`` to actions.
+            preferences: λ, ``[P, n]``.
+            episodes: ``E``.
+            seed: of the episodes.
+            gamma: discount, one for all or one per entry of the reward ``[m]``.
+        """
         env = self.make_env(num_envs=episodes).eval()
         driver = TensorDictModule(policy, ["observation", "preference"], ["action"])
         try:
-            return discounted_returns(env, driver, preferences, self.max_steps, seed=HELD_OUT + seed).cpu()
+            return discounted_returns(env, driver, preferences, self.max_steps, gamma, HELD_OUT + seed).cpu()
         finally:
             env.close()
-
-
-def tag(preference: Tensor, objectives: Sequence[str]) -> str:
-    """A preference as a log names it.
-
-    >>> tag(torch.tensor([0.25, 0.75]), ["demo", "distance"])
-    'demo=0.25,distance=0.75'
-    """
-    return ",".join(f"{name}={value:.4g}" for name, value in zip(objectives, preference.tolist(), strict=True))
 
 
 def _markdown(table: pd.DataFrame) -> str:

@@ -46,10 +46,8 @@ def discounted_returns(
         >>> discounted_returns(env, stand, torch.eye(2), max_steps=3)[..., 2].tolist()
         [[-30.0, -30.0, -30.0, -30.0], [-30.0, -30.0, -30.0, -30.0]]
     """
-    state = torch.get_rng_state()
-    with eval_mode(policy), set_exploration_type(ExplorationType.DETERMINISTIC):
+    with torch.random.fork_rng(), eval_mode(policy), set_exploration_type(ExplorationType.DETERMINISTIC):
         returns = [_returns(env, policy, preference, max_steps, gamma, seed) for preference in preferences]
-    torch.set_rng_state(state)
     return torch.stack(returns)
 
 

@@ -11,6 +11,8 @@ from typing import Any
 import torch
 from torch import nn
 
+from morlnav.modules.checks import check_weights
+
 OURS = ("morlnav.modules.", "morlnav.navigation.modules.")
 """Where the classes of a saved module may come from; building them does nothing else."""
 
@@ -35,15 +37,12 @@ def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
         >>> load_module(path).depth, read_facts(path)
         (1, {'objectives': ['fast', 'safe']})
     """
-    weights = model.state_dict()
-    wild = [name for name, value in weights.items() if value.is_floating_point() and not value.isfinite().all()]
-    if wild:
-        raise ValueError(f"Weights that are not finite are not kept: {wild[0]} of the {type(model).__name__}.")
+    check_weights(model, str(path))
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     _write(path, {"model": _describe(model), "facts": dict(facts or {})})
     unfinished = path.with_name(f"{path.name}.part")
-    torch.save(weights, unfinished)
+    torch.save(model.state_dict(), unfinished)
     unfinished.replace(path)  # last, and at once: where the weights are, they are whole, and so is the rest
 
 
@@ -82,7 +81,9 @@ def load_module(path: str | Path, device: torch.device | str = "cpu", trust: boo
         ValueError: if a file is damaged, names a foreign class, or the two do not belong together.
     """
     model = _build(_read(path)["model"], Path(path).with_suffix(".json"), trust)
-    return load_weights(model, path, device).requires_grad_(False)
+    model = load_weights(model, path, device).requires_grad_(False)
+    check_weights(model, str(path))
+    return model
 
 
 def load_weights(model: nn.Module, path: str | Path, device: torch.device | str = "cpu") -> nn.Module:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from typing import Literal
 
@@ -15,7 +15,6 @@ from torchrl.envs.utils import step_mdp
 from torchrl.objectives.utils import distance_loss
 
 from morlnav.objectives.actor_critic import VectorActorCriticLoss
-from morlnav.objectives.bounds import ReturnBounds
 from morlnav.objectives.scalarisation import LinearScalarisation
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
 

@@ -1,29 +1,32 @@
-"""Training: the experiment builder, the optimisation step, and hooks for TorchRL's trainer."""
+"""Training: the parts' wiring, the optimisation step, hooks for TorchRL's trainer, and learning from demonstrations."""
 
-from morlnav.trainers.builders import make_base_env, make_env, make_loss, make_networks, make_preferences, make_replay
 from morlnav.trainers.divergence import StopDivergence
-from morlnav.trainers.evaluator import EvaluatePolicy
-from morlnav.trainers.experiment import make_trainer
-from morlnav.trainers.hooks import AnnealDiscount, LogEpisodes, LogOptimisation, StepExploration
+from morlnav.trainers.drex import DREX, Cloning, Demonstrations, LearnedReward, Ranking
+from morlnav.trainers.hooks import AnnealDiscount, EvaluatePolicy, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.interpolation import FitInterpolator
-from morlnav.trainers.resume import RolloutState
-from morlnav.trainers.stepper import MORLTD3Stepper
+from morlnav.trainers.live import live_objects
+from morlnav.trainers.stepper import MORLTD3Stepper, linear_decay
+from morlnav.trainers.supervised import Fit
+from morlnav.trainers.trainer import MORLTrainer
+from morlnav.trainers.training import Training
 
 __all__ = [
+    "DREX",
     "AnnealDiscount",
+    "Cloning",
+    "Demonstrations",
     "EvaluatePolicy",
+    "Fit",
     "FitInterpolator",
+    "LearnedReward",
     "LogEpisodes",
     "LogOptimisation",
     "MORLTD3Stepper",
-    "RolloutState",
+    "MORLTrainer",
+    "Ranking",
     "StepExploration",
     "StopDivergence",
-    "make_base_env",
-    "make_env",
-    "make_loss",
-    "make_networks",
-    "make_preferences",
-    "make_replay",
-    "make_trainer",
+    "Training",
+    "linear_decay",
+    "live_objects",
 ]

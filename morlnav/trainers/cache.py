@@ -16,8 +16,8 @@ import torch
 from filelock import FileLock
 from torch import nn
 
-from morlnav.cli import stage
 from morlnav.modules import load_module, read_facts, save_module
+from morlnav.record.progress import stage
 
 T = TypeVar("T")
 
@@ -63,7 +63,7 @@ class Cache:
 
     @contextmanager
     def _stage(self, name: str, suffix: str = "", label: str | None = None) -> Iterator[tuple[Path, bool]]:
-        with stage_line(self.label(label or name), self.show) as line:
+        with stage(self.label(label or name), self.show) as remark:
             if self.directory is None:
                 with tempfile.TemporaryDirectory() as folder:
                     yield Path(folder) / f"{name}{suffix}", False
@@ -71,7 +71,8 @@ class Cache:
             path = self.directory / f"{name}-{self.digest(name)}{suffix}"
             path.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(path.with_suffix(".lock")):
-                line(path.exists())
+                if path.exists():
+                    remark("from the cache")
                 yield path, path.exists()
 
     def keep(
@@ -110,13 +111,6 @@ class Cache:
                 path = Path(tempfile.mkdtemp()) / name
             unfinished.rename(path) if self.directory is not None else shutil.move(unfinished, path)
             return path
-
-
-@contextmanager
-def stage_line(label: str, show: bool) -> Iterator[Callable[[bool], None]]:
-    """The stage's line in the terminal; gives a function that takes whether the result came from the cache."""
-    with stage(label, show) as line:
-        yield lambda cached: line.set_postfix_str("from the cache" if cached else "")
 
 
 def _example() -> nn.Module:

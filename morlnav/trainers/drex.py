@@ -18,7 +18,7 @@ from torchrl.record.loggers import Logger
 
 from morlnav.config import Part, supply
 from morlnav.data import SnippetPairs, roll_out_ranked
-from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, read_facts, save_module
+from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, save_module
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.cache import Cache
 from morlnav.trainers.live import live_objects
@@ -39,9 +39,16 @@ class Demonstrations(ABC):
 
     policy: Policy | None = None
 
+    key: str = ""
+    """What they depend on beyond their config, such as a hash of files."""
+
     @abstractmethod
-    def collect(self) -> TensorDict:
-        """Transitions ``[N]`` with ``observation``, ``action`` (the label) and ``episode``, which counts from 0."""
+    def collect(self, num: int) -> TensorDict:
+        """Transitions ``[N]`` with ``observation``, ``action`` (the label) and ``episode``, which counts from 0.
+
+        Args:
+            num: episodes that are wanted, where they are made.
+        """
 
     def save(self, data: TensorDict, path: Path) -> None:
         """Keep them in a folder."""
@@ -212,6 +219,7 @@ class DREX:
         clone: imitates the demonstrator.
         ranking: learns the reward.
         audit: judges it; ``None`` trusts it.
+        num: demonstrations of each objective, where they are made.
         scale: the factor ``c_d`` of the reward that an environment pays, ``c_d·(R̂ + b_d)``.
         offset: ``b_d``.
         make_env: makes an environment: ``make_env(num_envs=..., seed=...)``.
@@ -232,6 +240,7 @@ class DREX:
         clone: Cloning,
         ranking: Ranking,
         audit: Any = None,
+        num: int = 1000,
         scale: float = 10.0,
         offset: float = -1.0,
         *,
@@ -242,14 +251,19 @@ class DREX:
         config: Mapping[str, Any] | None = None,
         progress_bar: bool = True,
     ) -> None:
+        if num < 1:
+            raise ValueError(f"num must be at least 1, got {num}.")
+        self.num = num
         self.demonstrations = {name: source for name, source in demonstrations.items() if source is not None}
         self.clone, self.ranking, self.audit = clone, ranking, audit
         self.scale, self.offset, self.seed = scale, offset, seed
         self.make_env, self.progress_bar = make_env, progress_bar
         self.live = live_objects(make_env(num_envs=1)) | {"max_steps": max_steps}
         self.stages = {
-            name: Cache(cache, config and _of_one(config, name), seed, progress_bar, name if name != "demo" else "")
-            for name in self.demonstrations
+            name: Cache(
+                cache, config and _of_one(config, name, source.key), seed, progress_bar, name if name != "demo" else ""
+            )
+            for name, source in self.demonstrations.items()
         }
 
     @property
@@ -272,7 +286,7 @@ class DREX:
     def _learn(self, name: str, directory: Path | None, logger: Logger | None) -> LearnedReward:
         source, stages = self.demonstrations[name], self.stages[name]
         display = {"logger": logger, "progress_bar": self.progress_bar}
-        data = stages.keep("demonstrations", source.collect, source.save, source.load)
+        data = stages.keep("demonstrations", lambda: source.collect(self.num), source.save, source.load)
         clone = stages.keep_module("clone", lambda: (self._clone(data, **display, name=stages.label("clone")), {}))
         reward, facts = stages.keep_module(
             "ranking", lambda: self._rank(clone[0], **display, name=stages.label("reward")), label="reward"
@@ -354,12 +368,12 @@ def place(directory: Path | None, name: str) -> Path | None:
     return directory if directory is None or name == "demo" else directory / "styles" / name
 
 
-def _of_one(config: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _of_one(config: Mapping[str, Any], name: str, key: str) -> dict[str, Any]:
     """The config as one objective depends on it, stage by stage."""
     pipeline = config["rewards"]
     return {
         "env": config["env"],
-        "demonstrations": pipeline["demonstrations"][name],
+        "demonstrations": [pipeline["demonstrations"][name], pipeline.get("num"), key],
         "clone": pipeline["clone"],
         "ranking": pipeline["ranking"],
         "audit": {key: pipeline.get(key) for key in ("audit", "scale", "offset")},

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from torchrl.checkpoint import GlobalRNGState
+from torchrl.checkpoint import CheckpointRotation, GlobalRNGState
 from torchrl.collectors import BaseCollector
 from torchrl.data import ReplayBuffer
 from torchrl.objectives import LossModule
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import OptimizationStepper, Trainer
 
-from morlnav.trainers.checkpoint import Checkpoint, CheckpointRotation
+from morlnav.trainers.checkpoint import ListedCheckpoint
 
 
 class MORLTrainer(Trainer):
@@ -82,7 +82,7 @@ class MORLTrainer(Trainer):
             progress_bar=progress_bar,
             log_interval=log_interval,
             auto_log_optim_steps=False,  # our hooks average what they write
-            checkpoint=Checkpoint(rng=GlobalRNGState(), **components),
+            checkpoint=ListedCheckpoint(rng=GlobalRNGState(), **components),
             checkpoint_rotation=CheckpointRotation(directory / "checkpoints", keep_last=keep_checkpoints),
             save_trainer_interval=checkpoint_interval,
         )

@@ -23,16 +23,17 @@ from torchrl.envs import Compose, EnvBase, RewardScaling, SerialEnv, Transform, 
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
-from morlnav.config import Part, as_part, setting, supply, takes
+from morlnav.config import Part, as_part, build, setting, supply, takes
 from morlnav.data import PreferenceSampler
 from morlnav.evaluation import Evaluation
 from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
-from morlnav.trainers.checkpoint import RolloutState
 from morlnav.trainers.collectors import make_collector, num_workers
+from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import StepExploration
 from morlnav.trainers.live import live_objects
+from morlnav.trainers.rollout_state import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
 KEPT = ("observation", "preference", "action")
@@ -210,6 +211,7 @@ class Training:
         )
         live |= {"policy": stepper.average.module, "loss": loss, "exploration": noise, "trainer": trainer}
         live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned)}
+        StopDivergence().register(trainer)  # before all that looks at what was learned
         for name, part in self.hooks.items():
             supply(part, **live).register(trainer, name)
         SelectKeys([*KEPT, *(("next", key) for key in KEPT_NEXT)]).register(trainer)
@@ -224,6 +226,8 @@ class Training:
         demonstrators = {name: reward.demonstrator for name, reward in learned.items() if reward.demonstrator}
         live = self._live(make_env(num_envs=1)) | {"make_env": make_env, "demonstrators": demonstrators}
         del live["seed"]  # its own, for held-out episodes
+        weights = setting(self.loss, "scalarisation")
+        live["scalarisation"] = build(weights, "loss.scalarisation", **live)
         return supply(self.evaluation, **live)
 
     def make_logger(self, directory: Path) -> Logger | None:

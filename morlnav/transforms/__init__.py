@@ -4,5 +4,6 @@ from morlnav.transforms.demonstration_reward import DemonstrationReward
 from morlnav.transforms.preference import DrawPreference
 from morlnav.transforms.relabel import HindsightPreferenceRelabel
 from morlnav.transforms.reward_vector import RewardVector
+from morlnav.transforms.scale import ScaleReward
 
-__all__ = ["DemonstrationReward", "DrawPreference", "HindsightPreferenceRelabel", "RewardVector"]
+__all__ = ["DemonstrationReward", "DrawPreference", "HindsightPreferenceRelabel", "RewardVector", "ScaleReward"]

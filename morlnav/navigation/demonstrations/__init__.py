@@ -8,11 +8,14 @@ from morlnav.navigation.demonstrations.folder import (
 )
 from morlnav.navigation.demonstrations.record import Disturbance, record_demonstrations, rewarded_transitions
 from morlnav.navigation.demonstrations.replay import recorded_demonstrations, replay_demonstrations
+from morlnav.navigation.demonstrations.sources import RecordedFolder, RecordedPolicy
 from morlnav.navigation.demonstrations.trajectories import export_demonstrations, import_demonstrations
 from morlnav.navigation.demonstrations.trajectory_file import Trajectories, read_trajectories
 
 __all__ = [
     "Disturbance",
+    "RecordedFolder",
+    "RecordedPolicy",
     "Trajectories",
     "demonstration_settings",
     "demonstrations_digest",

@@ -63,18 +63,14 @@ class RecordedPolicy(NavigationDemonstrations):
 
     Args:
         policy: maps raw observations ``[B, 34]`` to actions ``[B, 2]``; it sees the human in any case.
-        num: successful episodes.
         disturbance: pushes the robot; ``None`` leaves it alone.
         settings: of :class:`NavigationDemonstrations`.
 
-    Raises:
-        ValueError: if a number is below 1.
     """
 
     def __init__(
         self,
         policy: Callable[[Tensor], Tensor],
-        num: int = 1000,
         disturbance: Disturbance | None = None,
         *,
         world: World,
@@ -85,16 +81,14 @@ class RecordedPolicy(NavigationDemonstrations):
         num_envs: int = 256,
     ) -> None:
         super().__init__(world, scenes, observe_human, max_steps, seed, num_envs)
-        if num < 1:
-            raise ValueError(f"num must be at least 1, got {num}.")
-        self.policy, self.num, self.disturbance = policy, num, disturbance
+        self.policy, self.disturbance = policy, disturbance
 
-    def collect(self) -> TensorDict:
+    def collect(self, num: int) -> TensorDict:
         """See :meth:`Demonstrations.collect`."""
         data, self.tries = record_demonstrations(
             self.policy,
             self.scenes,
-            self.num,
+            num,
             world=self.world,
             disturbance=self.disturbance,
             observe_human=self.observe_human,
@@ -112,16 +106,18 @@ class RecordedFolder(NavigationDemonstrations):
 
     Args:
         path: of the folder.
-        num: demonstrations to make by replaying them among random boxes; ``None`` takes them as they are.
-        digest: of the content that a run began with; ``None`` takes what is there.
+        replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise they
+            are taken as they are.
         settings: of :class:`NavigationDemonstrations`.
+
+    Raises:
+        FileNotFoundError: if the folder holds no demonstrations.
     """
 
     def __init__(
         self,
         path: str,
-        num: int | None = None,
-        digest: str | None = None,
+        replay: bool = False,
         *,
         world: World,
         scenes: Callable[..., Scene],
@@ -131,18 +127,15 @@ class RecordedFolder(NavigationDemonstrations):
         num_envs: int = 256,
     ) -> None:
         super().__init__(world, scenes, observe_human, max_steps, seed, num_envs)
-        if num is not None and num < 1:
-            raise ValueError(f"num must be at least 1, or null, got {num}.")
-        self.path, self.num, self.digest = path, num, digest or demonstrations_digest(path)
+        self.path, self.replay, self.key = path, replay, demonstrations_digest(path)
 
-    def collect(self) -> TensorDict:
+    def collect(self, num: int) -> TensorDict:
         """See :meth:`Demonstrations.collect`."""
         data, self.tries = recorded_demonstrations(
             self.path,
             self.scenes,
-            self.num,
+            num if self.replay else None,
             world=self.world,
-            digest=self.digest,
             observe_human=self.observe_human,
             seed=self.seed,
             num_envs=self.num_envs,

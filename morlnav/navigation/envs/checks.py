@@ -2,34 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor
 
+from morlnav.modules.checks import require
 from morlnav.navigation.envs.rewards import Objective, Transition
-
-
-def require(condition: Tensor, sentence: str, found: Callable[[], str]) -> None:
-    """Refuse what does not meet a condition, without waiting for a GPU.
-
-    Args:
-        condition: one ``bool``.
-        sentence: what is expected; all that an assertion on a GPU says.
-        found: what came instead; called on failure.
-
-    Raises:
-        ValueError: with both; on a GPU PyTorch's own error follows at the next synchronisation.
-
-    Examples:
-        >>> require(torch.tensor(False), "Distances must be finite", lambda: "nan")
-        Traceback (most recent call last):
-        ValueError: Distances must be finite, got nan.
-    """
-    if condition.device.type in ("cuda", "meta"):
-        torch._assert_async(condition, sentence)
-    elif not condition:
-        raise ValueError(f"{sentence}, got {found()}.")
 
 
 def check_action(action: Tensor) -> None:

@@ -1,5 +1,6 @@
 """Roll-outs over all preferences, social metrics, preference fidelity, the report."""
 
+from morlnav.navigation.evaluation.evaluator import NavigationEvaluation, reward_terms
 from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.navigation.evaluation.paths import shortest_path, shortest_polylines
 from morlnav.navigation.evaluation.references import reference_paths
@@ -8,6 +9,7 @@ from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluate_po
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise
 
 __all__ = [
+    "NavigationEvaluation",
     "Outcome",
     "Rollouts",
     "compare_extremes",
@@ -19,6 +21,7 @@ __all__ = [
     "markdown_table",
     "overall",
     "reference_paths",
+    "reward_terms",
     "shortest_path",
     "shortest_polylines",
     "summarise",

@@ -7,11 +7,12 @@ from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
+import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase, TransformedEnv
 
 from morlnav.data import simplex_grid
-from morlnav.evaluation import Evaluation, expected_utility, tag
+from morlnav.evaluation import Evaluation, expected_utility, preference_label
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
@@ -36,6 +37,7 @@ class NavigationEvaluation(Evaluation):
         rewards: names of the entries of the reward.
         num_objectives: entries of λ.
         reward_bounds: least and largest reward of a step, ``[2, m]``.
+        scalarisation: weighs the returns in a utility, as the loss does.
         max_steps: time limit of an episode.
     """
 
@@ -51,6 +53,7 @@ class NavigationEvaluation(Evaluation):
         rewards: Sequence[str],
         num_objectives: int,
         reward_bounds: Tensor,
+        scalarisation: nn.Module | None = None,
         max_steps: int = 250,
     ) -> None:
         super().__init__(
@@ -62,6 +65,7 @@ class NavigationEvaluation(Evaluation):
             rewards=rewards,
             num_objectives=num_objectives,
             reward_bounds=reward_bounds,
+            scalarisation=scalarisation,
             max_steps=max_steps,
         )
         self.demonstrators = demonstrators
@@ -107,6 +111,14 @@ class NavigationEvaluation(Evaluation):
                 print(f"No Fréchet distances to the demonstration of {name}: {error}")
         return paths
 
+    def returns(
+        self, policy: nn.Module, preferences: Tensor, episodes: int, seed: int, gamma: Tensor | float = 1.0
+    ) -> Tensor:
+        """See :meth:`Evaluation.returns`; all preferences side by side."""
+        reward = self.drive(policy, self.scenes(episodes, seed), preferences).reward
+        discounts = torch.as_tensor(gamma).to(reward) ** torch.arange(reward.shape[2], device=reward.device)[:, None]
+        return (reward * discounts).sum(2)
+
     def measure(self, policy: nn.Module, episodes: int, steps: int) -> dict[str, float]:
         """See :meth:`Evaluation.measure`."""
         scenes, shortest, references = self._fixed(episodes)
@@ -116,10 +128,10 @@ class NavigationEvaluation(Evaluation):
             rollouts, self.rewards, world=self.env.world, references=references, shortest=shortest
         )
         metrics = frame[[name for names in RATES.values() for name in names]].mean().to_dict()
-        metrics["expected_utility"] = expected_utility(rollouts.reward.sum(2).mean(1).cpu(), preferences)
+        metrics["expected_utility"] = expected_utility(rollouts.reward.sum(2).mean(1).cpu(), preferences, self.scalarisation)
         summary = summarise(frame, resamples=2)  # its means alone are wanted
         for preference, row in zip(preferences, summary.to_dict("records"), strict=True):
-            label = tag(preference, self.objectives)
+            label = preference_label(self.objectives, preference.tolist())
             metrics[f"success/{label}"] = row["SR"] / 100
             metrics |= {f"{name}/{label}": row[name] for name in metric_columns(frame)}
         return metrics

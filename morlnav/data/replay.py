@@ -1,15 +1,17 @@
-"""What a checkpoint holds so that a run continues bit for bit: of the replay buffer, and of unfinished episodes."""
+"""The replay buffer: pickle-free on disk, with its transforms by name."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
 from tensordict import TensorDict
 from torchrl.checkpoint import StateDictCheckpointAdapter
-from torchrl.collectors import Collector
 from torchrl.data import TensorDictReplayBuffer, TensorStorage
-from torchrl.data.replay_buffers import TensorStorageCheckpointer
+from torchrl.data.replay_buffers import Sampler, TensorStorageCheckpointer
+from torchrl.envs import Compose, Transform
 
 
 class FilledRows(TensorStorageCheckpointer):
@@ -47,11 +49,42 @@ class FilledRows(TensorStorageCheckpointer):
         storage._len = len(rows)
 
 
-class PickleFreeReplayBuffer(TensorDictReplayBuffer):
-    """A replay buffer that saves no pickles: no prefetched batches, and no ``torch.save`` of its transforms.
+class ReplayBuffer(TensorDictReplayBuffer):
+    """TorchRL's replay buffer with transforms by name; it saves no pickles, and only the rows that it holds.
 
-    Arguments as for :class:`torchrl.data.TensorDictReplayBuffer`.
+    Args:
+        storage: where rows lie.
+        sampler: chooses which are sampled.
+        batch_size: rows of a sample.
+        transforms: of what is sampled, in their order; ``None`` leaves one out.
+        generator: source of the sampler's randomness.
+
+    Examples:
+        >>> from torchrl.data import LazyTensorStorage, RandomSampler
+        >>> from morlnav.data import UniformPreferences
+        >>> from morlnav.transforms import HindsightPreferenceRelabel
+        >>> relabel = HindsightPreferenceRelabel(UniformPreferences(2))
+        >>> buffer = ReplayBuffer(LazyTensorStorage(100), RandomSampler(), 32, {"relabel": relabel})
     """
+
+    def __init__(
+        self,
+        storage: TensorStorage,
+        sampler: Sampler,
+        batch_size: int = 256,
+        transforms: Mapping[str, Transform | None] | None = None,
+        generator: torch.Generator | None = None,
+    ) -> None:
+        if batch_size < 1 or batch_size > storage.max_size:
+            raise ValueError(f"batch_size must be from 1 to the storage's {storage.max_size}, got {batch_size}.")
+        super().__init__(
+            storage=storage,
+            sampler=sampler,
+            batch_size=batch_size,
+            transform=Compose(*(transform for transform in (transforms or {}).values() if transform is not None)),
+            generator=generator,
+            checkpointer=FilledRows(),
+        )
 
     def dumps(self, path: str | Path) -> None:
         """Write rows, counters, random state and transforms into a folder."""
@@ -71,26 +104,3 @@ class PickleFreeReplayBuffer(TensorDictReplayBuffer):
 
     def _load_prefetch_state(self, path: Path) -> None:
         pass
-
-
-class RolloutState:
-    """Checkpoint component that holds a collector's unfinished episodes, so that a resumed run equals an unbroken one.
-
-    TorchRL's collector starts new episodes after loading, because environments cannot be saved in general; ours can.
-
-    Args:
-        collector: a single-process collector of a :class:`~morlnav.navigation.envs.NavigationEnv`.
-    """
-
-    def __init__(self, collector: Collector) -> None:
-        self.collector = collector
-
-    def state_dict(self) -> dict[str, Any]:
-        """Poses, scenes, the scene generator, and the tensordict that the next step starts from."""
-        return {"env": self.collector.env.base_env.get_state(), "carrier": self.collector._carrier.clone().to_dict()}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Put the robots back where they were."""
-        self.collector.env.base_env.set_state(state["env"])
-        carrier = self.collector._carrier
-        carrier.update(TensorDict(state["carrier"], batch_size=carrier.batch_size))

@@ -203,7 +203,7 @@ class LogEpisodes(PeriodicHook):
             log_scalar(self.trainer, f"train/{name}", value, frames)
         shown = {"return_scalarised": "return", "ended_goal": "success"}
         for name, label in shown.items():
-            if name in metrics:
+            if name in metrics and self.trainer.progress_bar:
                 self.trainer._pbar_str[label] = metrics[name]
 
     def register(self, trainer: Trainer, name: str = "log_episodes") -> None:

@@ -261,7 +261,9 @@ class Training:
                 if clone is not None
             },
         )
-        round_products(loss, product_dtype(self.products, torch.device(self.device)))
+        dtype = product_dtype(self.products, torch.device(self.device))
+        for module in (loss.actor_network, loss.qvalue_network, loss.terms):  # losses hide their networks from modules()
+            round_products(module, dtype)
         if self.compile is not None:
             _compile(loss, self.compile)
         return loss.to(self.device)

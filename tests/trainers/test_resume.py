@@ -115,7 +115,7 @@ def test_where_no_run_can_be_resumed_nothing_is_written(kept, finished, train_co
         "+objectives.evil={_target_: my_evil.Evil}",
         "objectives.baseline.terms=[{_target_: my_evil.Evil}]",
         "+clone.actor.evil={_target_: morlnav.resuming.Path, _args_: [stolen]}",
-        "networks.features='${oc.decode:\\'{_target_: my_evil.Evil}\\'}'",
+        "+objectives.evil=\"${oc.decode:'{_target_: my_evil.Evil}'}\"",
         "+name=my_evil.Evil networks.features._target_=${name}",
         "+styles.evil.demonstrations.policy._target_=my_evil.Evil",
         "collector.backend=ray",

@@ -151,10 +151,12 @@ class NavigationEnv(EnvBase):
         self._observation = self.world.observe()
         return self._observation
 
+    def seen(self, observation: Tensor) -> Tensor:
+        """What a policy sees of a whole observation ``[..., 34]``; ``[..., 32]`` without the human."""
+        return observation if self.observe_human else without_human(observation)
+
     def _outputs(self, goal: Tensor, human: Tensor, box: Tensor) -> TensorDict:
-        observation = self._observe()
-        if not self.observe_human:
-            observation = without_human(observation)
+        observation = self.seen(self._observe())
         done = (goal | human | box).unsqueeze(-1)
         out = TensorDict(
             {

@@ -25,8 +25,7 @@ BUILT_ON_LOADING = ("world", "env", "objectives", "networks", "demonstrations.po
 class Policy(nn.Module):
     """A trained actor: ``policy(observation[..., 34], preference[..., n]) -> action[..., 2]`` in SI units.
 
-    Inputs that make no sense are refused. Compiled or exported it does not look at them; to :mod:`torch.export` and ONNX
-    goes :attr:`actor` alone.
+    Inputs that make no sense are refused, though not once it is compiled or exported.
 
     Args:
         actor: the network.
@@ -63,7 +62,7 @@ def _check_inputs(observation: Tensor, preference: Tensor) -> None:
     require(
         finite.all(),
         "Observations must be finite",
-        lambda: "{} in entry {}".format(observation[~finite][0].item(), int((~finite).nonzero()[0, -1])),
+        lambda: f"{observation[~finite][0].item()} in entry {int((~finite).nonzero()[0, -1])}",
     )
     point = ((preference >= 0).all(-1)) & ((preference.sum(-1) - 1).abs() <= SUM_TOLERANCE)  # NaN fails both
     require(

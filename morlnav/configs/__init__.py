@@ -43,6 +43,7 @@ from morlnav.configs.hooks import (
     LogOptimisationConfig,
     MORLTD3StepperConfig,
     StepExplorationConfig,
+    StopDivergenceConfig,
 )
 from morlnav.configs.modules import (
     ActorConfig,
@@ -127,6 +128,7 @@ __all__ = [
     "SegmentedPreferencesConfig",
     "SlowPassingOracleConfig",
     "StepExplorationConfig",
+    "StopDivergenceConfig",
     "SumConfig",
     "TensorWorldConfig",
     "UniformActionsConfig",

@@ -31,7 +31,8 @@ class RankingLoss(LossModule):
 
     Input is batched ``[B]`` and holds two nested entries, ``better`` and ``worse``, each with what the reward network
     reads, vectors such as ``observation`` ``[B, L, 34]`` and ``action`` ``[B, L, 2]``, and optionally ``mask``
-    ``[B, L]`` (or ``[B, L, 1]``), true for real steps and false for padding, which may hold anything. The two may differ in length.
+    ``[B, L]`` (or ``[B, L, 1]``), true for real steps and false for padding, which may hold anything. The two
+    may differ in length.
 
     An ensemble is given as a list of networks, which need not be alike. A batch ``[B]`` shows every member the same
     snippets, a batch ``[K, B]`` shows member ``k`` its own row. Losses are summed over members, so each learns as it

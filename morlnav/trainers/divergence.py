@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from torch.nn.utils import get_total_norm
@@ -24,16 +23,23 @@ class StopDivergence(TrainerHookBase):
         >>> StopDivergence().register(trainer)  # doctest: +SKIP
     """
 
+    def __init__(self) -> None:
+        self.trainer: Trainer | None = None
+
     def __call__(self) -> None:
         """Look at all weights at once.
 
         Raises:
             ValueError: naming the networks, the learning rates to lower, and the checkpoint that is left.
         """
-        if get_total_norm(self.trainer.loss_module.parameters(), math.inf).isfinite():
+        loss = self.trainer.loss_module
+        if get_total_norm(loss.parameters()).isfinite():  # ten times as fast as to look at every weight
             return
-        parameters = self.trainer.loss_module.named_parameters()
-        ruined = dict.fromkeys(name.split(".")[0] for name, value in parameters if not value.isfinite().all())
+        ruined = dict.fromkeys(
+            name.split(".")[0] for name, value in loss.named_parameters() if not value.isfinite().all()
+        )
+        if not ruined:
+            return
         names, rates = zip(*(NETWORKS.get(name, (f"{name}'s", "the learning rate")) for name in ruined), strict=True)
         raise ValueError(
             f"Learning diverged: {' and '.join(names)} weights are not finite after {self.trainer.collected_frames:,} "

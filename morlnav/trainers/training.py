@@ -155,7 +155,8 @@ class Training:
     def _pipeline(self) -> DREX:
         on_cpu = copy.copy(self)
         on_cpu.device = "cpu"  # its networks are small
-        live = live_objects(on_cpu.make_env({}, num_envs=1)) | {"make_env": on_cpu.base_env, "seed": self.seed}
+        live = live_objects(on_cpu.make_env({}, num_envs=1).eval()) | {"seed": self.seed}
+        live["make_env"] = lambda **settings: on_cpu.base_env(**settings).eval()
         live |= {"cache": self.cache, "progress_bar": setting(self.trainer, "progress_bar")}
         if isinstance(self.env, Part) and isinstance(self.rewards, Part):  # what is paid, and to how many, is no matter
             unrelated = ("objectives", "num_envs", "inflation")

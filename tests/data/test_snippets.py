@@ -1,6 +1,9 @@
+import gymnasium
+import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
+from torchrl.envs import DoubleToFloat, GymWrapper, TransformedEnv
 
 from morlnav.data import SnippetPairs, roll_out_ranked
 from morlnav.modules import EpsilonGreedyNoise
@@ -69,6 +72,48 @@ def test_more_noise_earns_less_and_masks_end_with_the_episode():
     assert returns[0] > returns[1]
     steps = out["mask"].sum(-1)
     assert (out["mask"] == (torch.arange(out.shape[-1]) < steps.unsqueeze(-1))).all()
+
+
+def test_ended_episodes_of_another_simulator_wait_for_the_others():
+    gymnasium.register("Count-v0", entry_point=Counter)
+
+    def count(number):
+        env = gymnasium.make_vec("Count-v0", number, "sync", vector_kwargs={"autoreset_mode": "Disabled"})
+        return TransformedEnv(GymWrapper(env), DoubleToFloat())
+
+    low, high = torch.tensor([0.0]), torch.tensor([1.0])
+    out = roll_out_ranked(
+        lambda observation: torch.ones(len(observation), 1),
+        count,
+        lambda levels: EpsilonGreedyNoise(levels, low, high),
+        [0.0, 1.0],
+        episodes=3,
+        max_steps=12,
+    )
+    steps = out["mask"].sum(-1)
+    assert steps[0].tolist() == [4, 4, 4]
+    assert (steps[1] > 4).all()
+    for side in range(2):
+        for episode, length in zip(out[side], steps[side].tolist(), strict=True):
+            real = episode[:length]
+            torch.testing.assert_close(real["observation"][1:], real["observation"][:-1] + real["action"][:-1])
+            assert (real["reward"] == 1).all()
+
+
+class Counter(gymnasium.Env):
+    """Adds up its actions, and ends at 4."""
+
+    observation_space = gymnasium.spaces.Box(0, 10, (1,))
+    action_space = gymnasium.spaces.Box(0, 1, (1,))
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.sum = np.zeros(1, np.float32)
+        return self.sum, {}
+
+    def step(self, action):
+        self.sum = self.sum + action
+        return self.sum, 1.0, bool(self.sum >= 4), False, {}
 
 
 def test_noise_levels_must_ascend():

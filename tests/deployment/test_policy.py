@@ -48,7 +48,7 @@ def test_config_and_weights_are_all_that_driving_needs(tmp_path):
 
 @pytest.mark.parametrize("batch", [(), (1,), (7,), (3, 5)], ids=str)
 def test_actions_keep_the_batch_and_the_bounds(smoke_run, batch):
-    action = morlnav.load(smoke_run)(observations(*batch), torch.rand(*batch, 2))
+    action = morlnav.load(smoke_run)(observations(*batch), torch.rand(*batch, 2).softmax(-1))
     assert action.shape == (*batch, 2)
     assert ((action >= torch.tensor([0, -torch.pi])) & (action <= torch.tensor([0.5, torch.pi]))).all()
 
@@ -85,6 +85,36 @@ def test_the_file_holds_weights_and_nothing_else(smoke_run):
 def test_a_wrong_preference_is_named(smoke_run):
     with pytest.raises(ValueError, match=r"needs 2 entries \('distance', 'efficiency'\)"):
         morlnav.load(smoke_run)(observations(3), torch.rand(3, 3))
+
+
+@pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
+def test_an_observation_that_is_not_finite_is_refused(smoke_run, value):
+    observation = observations(3)
+    observation[1, 7] = value
+    with pytest.raises(ValueError, match=f"Observations must be finite, got {value} in entry 7"):
+        morlnav.load(smoke_run)(observation, torch.tensor([0.5, 0.5]))
+
+
+@pytest.mark.parametrize(
+    "preference", [[5.0, -4.0], [0.5, 0.6], [0.0, 0.0], [torch.nan, 0.5], [torch.inf, 0.0]], ids=str
+)
+@pytest.mark.parametrize("batch", [(), (3,), (2, 3)], ids=str)
+def test_a_preference_off_the_simplex_is_refused(smoke_run, preference, batch):
+    rows = torch.tensor([1.0, 0.0]).repeat(*batch, 1) if batch else torch.zeros(2)
+    rows.view(-1, 2)[-1] = torch.tensor(preference)
+    with pytest.raises(ValueError, match=r"must be at least 0 and add up to 1, got \[") as error:
+        morlnav.load(smoke_run)(observations(*batch), rows)
+    assert str(preference[0]) in str(error.value)
+
+
+def test_a_preference_may_be_rounded(smoke_run):
+    policy = morlnav.load(smoke_run)
+    assert policy(observations(2), torch.tensor([0.333, 0.6665])).isfinite().all()
+
+
+def test_a_policy_as_a_whole_can_be_exported(smoke_run):
+    policy, inputs = morlnav.load(smoke_run), (observations(4), torch.tensor([0.25, 0.75]).repeat(4, 1))
+    torch.testing.assert_close(torch.export.export(policy, inputs).module()(*inputs), policy(*inputs))
 
 
 @pytest.mark.parametrize(

@@ -87,6 +87,39 @@ def test_keys_masks_reduction_and_specs_can_be_chosen():
     torch.testing.assert_close(unpadded[0], torch.tensor([1.0, 0.0]))
 
 
+@pytest.mark.parametrize("padding", [1e6, torch.nan, torch.inf])
+def test_padding_changes_neither_loss_nor_gradient(padding):
+    torch.manual_seed(0)
+    actor = Actor(0, LOW, HIGH, depth=1, num_cells=8)
+    loss = BehaviourCloningLoss(TensorDictModule(actor, ["observation"], ["action"]), bounds=(LOW, HIGH))
+    loss.set_keys(pad_mask="padded")
+    padded = torch.arange(5) > torch.tensor([[2], [4], [1]])
+    batch = TensorDict(observation=torch.rand(3, 5, 34), action=torch.rand(3, 5, 2), padded=padded, batch_size=[3, 5])
+    expected = loss(batch)
+    gradient = torch.autograd.grad(expected["loss_bc"], tuple(loss.parameters()))
+    for name in ("observation", "action"):
+        batch[name][padded] = padding
+    out = loss(batch)
+    torch.testing.assert_close(out["error"], expected["error"])
+    torch.testing.assert_close(torch.autograd.grad(out["loss_bc"], tuple(loss.parameters())), gradient)
+
+
+def test_one_observation_may_serve_a_chunk_of_actions():
+    class Chunk(Constant):
+        def forward(self, observation):
+            assert observation.isfinite().all()
+            return self.action.expand(len(observation), 5, 2)
+
+    padded = torch.arange(5) > torch.tensor([[2], [4], [1]])
+    action = torch.zeros(3, 5, 2).masked_fill(padded.unsqueeze(-1), torch.nan)
+    loss = loss_of(Chunk(0.25, 0.0))
+    loss.set_keys(pad_mask="padded")
+    out = loss(TensorDict(observation=torch.rand(3, 34), action=action, padded=padded, batch_size=[3]))
+    torch.testing.assert_close(out["error"], torch.tensor([1.0, 0.0]))
+    out["loss_bc"].backward()
+    assert all(parameter.grad.isfinite().all() for parameter in loss.parameters())
+
+
 @pytest.mark.parametrize(
     "wrong", [{"loss_function": "l3"}, {"bounds": None}, {"bounds": (HIGH, LOW)}, {"action_spec": Bounded(LOW, HIGH)}]
 )

@@ -78,12 +78,13 @@ def test_the_gradient_is_that_of_a_logistic_regression():
     torch.testing.assert_close(module.weight.grad, (-slope * (-slope).sigmoid()).mean())
 
 
-def test_padding_changes_neither_loss_nor_gradient():
+@pytest.mark.parametrize("padding", [1e6, torch.nan, torch.inf])
+def test_padding_changes_neither_loss_nor_gradient(padding):
     batch = pairs(4, masked=True)
     loss = RankingLoss(network(First()))
     (gradient,) = torch.autograd.grad(loss(batch)["loss_ranking"], loss.parameters())
     for name in ("better", "worse"):
-        batch[name]["observation"][~batch[name]["mask"]] = 1e6
+        batch[name]["observation"][~batch[name]["mask"]] = padding
     padded = loss(batch)["loss_ranking"]
     assert padded.item() == pytest.approx(slow_loss(batch, "mean", 10.0)[0], rel=1e-5)
     torch.testing.assert_close(torch.autograd.grad(padded, loss.parameters()), (gradient,))

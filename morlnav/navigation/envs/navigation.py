@@ -44,8 +44,8 @@ class NavigationEnv(EnvBase):
             margin to learn with, for what a lidar's sector tells only roughly. After ``eval()`` it has its true size.
 
     Raises:
-        ValueError: for an empty or wrongly ordered objective list, or ``num_envs < 1``; in a step, for an action that is
-            not finite or an objective that returns anything but one finite reward per environment.
+        ValueError: for an empty or wrongly ordered objective list, or ``num_envs < 1``; in a step, for an action that
+            is not finite or an objective that returns anything but one finite reward per environment.
 
     Examples:
         >>> env = NavigationEnv(num_envs=4, seed=0)

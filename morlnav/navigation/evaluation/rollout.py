@@ -122,8 +122,8 @@ def evaluate_policy(
         Rollouts batched ``[P, S]``, on the world's device.
 
     Raises:
-        ValueError: if scenes or preferences have the wrong shape, or ``max_steps`` is below 1; for an action or a reward
-            that is not finite.
+        ValueError: if scenes or preferences have the wrong shape, or ``max_steps`` is below 1; for an action or a
+            reward that is not finite.
 
     Examples:
         >>> straight = lambda observation, preference: torch.tensor([0.5, 0.0]).expand(len(observation), 2)

@@ -1,0 +1,72 @@
+"""A learning that diverges ends with one sentence, and leaves nothing behind that is not finite."""
+
+import pytest
+import torch
+from support import configure, trainer_for
+from torchrl.checkpoint import CheckpointRotation
+
+import morlnav
+from morlnav import policy as policies
+from morlnav.export import export_policy
+from morlnav.modules import RewardModel, load_reward, save_reward
+from morlnav.train import run
+
+DIVERGING = "trainer.optimizer_critic.lr=1e30"
+
+
+@pytest.fixture
+def ruined(smoke_run):
+    policy = morlnav.load(smoke_run)
+    policy.actor.mlp[0].weight.data[0, 0] = torch.nan
+    return policy
+
+
+def test_divergence_is_named_before_the_evaluation(tmp_path):
+    with pytest.raises(ValueError, match=r"Learning diverged: .* critics' weights are not finite after [\d,]+ frames"):
+        run(configure(DIVERGING), tmp_path)
+    assert not (tmp_path / "policy.pt").exists()
+    assert not list((tmp_path / "checkpoints").glob("*"))
+
+
+def test_the_last_checkpoint_is_named_and_resumes(tmp_path):
+    cfg = configure("trainer.checkpoint.interval=1")
+    trainer = trainer_for(cfg, tmp_path)
+
+    def ruin():
+        if trainer.collected_frames > 3 * cfg.trainer.frames_per_batch:
+            next(trainer.loss_module.actor_network_params.parameters()).data.fill_(torch.inf)
+
+    trainer.register_op("post_optim", ruin)
+    with pytest.raises(ValueError, match=r"the actor's weights .* lower trainer\.optimizer_actor\.lr") as error:
+        trainer.train()
+    trainer.collector.shutdown()
+    latest = CheckpointRotation(tmp_path / "checkpoints", keep_last=1).latest()
+    assert f"the last checkpoint, {latest}, is intact" in str(error.value)
+    again = trainer_for(configure(), tmp_path / "again")
+    again.load_from_file(latest)
+    assert all(parameter.isfinite().all() for parameter in again.loss_module.parameters())
+    again.collector.shutdown()
+
+
+def test_a_ruined_policy_is_neither_saved_nor_loaded_nor_exported(ruined, smoke_run, tmp_path):
+    with pytest.raises(ValueError, match=r"its mlp\.0\.weight is not finite"):
+        policies.save(ruined.actor, tmp_path)
+    with pytest.raises(ValueError, match=r"its actor\.mlp\.0\.weight is not finite"):
+        export_policy(ruined, tmp_path / "export", ("pt2",))
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "config.yaml").write_bytes((smoke_run / "config.yaml").read_bytes())
+    torch.save(ruined.actor.state_dict(), tmp_path / "policy.pt")
+    with pytest.raises(ValueError, match=r"policy\.pt cannot be used: its mlp\.0\.weight is not finite"):
+        morlnav.load(tmp_path)
+
+
+def test_a_ruined_reward_is_neither_saved_nor_loaded(tmp_path):
+    model, path = RewardModel(depth=1), tmp_path / "reward.pt"
+    save_reward(model, path)
+    torch.nn.init.constant_(model.mlp[0].bias, torch.nan)
+    with pytest.raises(ValueError, match=r"This reward cannot be used: its mlp\.0\.bias is not finite"):
+        save_reward(model, path)
+    load_reward(path)
+    torch.save(model.state_dict(), path)
+    with pytest.raises(ValueError, match=r"reward\.pt cannot be used: its mlp\.0\.bias is not finite"):
+        load_reward(path)

@@ -9,6 +9,8 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv
 
+from morlnav.envs import eval_mode
+
 
 def roll_out_ranked(
     policy: Callable[[Tensor], Tensor],
@@ -55,7 +57,7 @@ def roll_out_ranked(
         action = policy(tensordict["observation"])
         return tensordict.set("action", noise(action, tensordict["is_init"], tensordict["observation"]))
 
-    with torch.no_grad():
+    with torch.no_grad(), eval_mode(policy):
         out = env.rollout(max_steps, act, break_when_any_done=False, break_when_all_done=True, auto_reset=True)
     done = out["next", "done"].squeeze(-1).long()
     mask = done.cumsum(1) - done == 0

@@ -1,6 +1,7 @@
 """Environments and their reward terms."""
 
 from morlnav.envs.demonstration import DemonstrationObjective
+from morlnav.envs.eval_mode import eval_mode
 from morlnav.envs.gym import ENV_ID, SocialNavigation, SocialNavigationVector, register
 from morlnav.envs.navigation import NavigationEnv
 from morlnav.envs.rewards import (
@@ -28,6 +29,7 @@ __all__ = [
     "Sum",
     "Transition",
     "default_objectives",
+    "eval_mode",
 ]
 
 register()

@@ -10,7 +10,7 @@ import torch
 from tensordict import tensorclass
 from torch import Tensor
 
-from morlnav.envs import Objective, Transition, default_objectives
+from morlnav.envs import Objective, Transition, default_objectives, eval_mode
 from morlnav.world import Scene, SceneSampler, TensorWorld, World, without_human
 
 SEED_OFFSET = 2**31
@@ -104,7 +104,7 @@ def evaluate_policy(
     """Drive every preference in every scene, ``P * S`` episodes side by side (Sec. IV-B, IV-C).
 
     Finished episodes leave the batch, so that time goes to those still running. Gradients are off and the global
-    random state is restored afterwards; a module is called in the mode (``train`` or ``eval``) that it is in.
+    random state is restored afterwards; a module drives in evaluation mode and then goes back to its own.
 
     Args:
         policy: maps observations ``[B, 34]`` and preferences ``[B, n]`` to actions ``[B, 2]``.
@@ -159,7 +159,7 @@ def evaluate_policy(
     episode = torch.arange(count, device=world.device)  # which episode each slot of the world drives
     running = torch.ones_like(episode, dtype=torch.bool)
     lidar = -world.lidar.sectors
-    with torch.random.fork_rng(devices=[world.device] if world.device.type == "cuda" else []):
+    with torch.random.fork_rng(devices=[world.device] if world.device.type == "cuda" else []), eval_mode(policy):
         observation = world.observe()
         pose[:, 0], clearance[:, 0] = world.pose, observation[:, lidar:].amin(-1)
         for step in range(max_steps):

@@ -9,6 +9,7 @@ from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.trainers.trainers import Trainer
 
+from morlnav.envs import eval_mode
 from morlnav.trainers.hooks import PeriodicHook
 
 
@@ -55,6 +56,7 @@ class FitInterpolator(PeriodicHook):
         given[loss.tensor_keys.preference] = preference.to(env.device).expand(*env.batch_size, -1)
         with (
             set_exploration_type(ExplorationType.DETERMINISTIC),
+            eval_mode(loss.actor_network),
             loss.actor_network_params.to_module(loss.actor_network, preserve_module_state=False),
         ):
             rollout = env.rollout(

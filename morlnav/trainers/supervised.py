@@ -13,6 +13,8 @@ from torchrl.objectives.common import LossModule
 from torchrl.record.loggers import Logger
 from tqdm import trange
 
+from morlnav.envs import eval_mode
+
 
 def fit(
     loss: LossModule,
@@ -80,7 +82,7 @@ def fit(
         scheduler.step()
         if (step + 1) % interval and step + 1 < steps:
             continue
-        with torch.no_grad():
+        with torch.no_grad(), eval_mode(loss):
             scores = {key: value.mean().item() for key, value in loss(held_out).items()}
         if not math.isfinite(sum_losses(scores)):
             raise ValueError(f"{name} diverged: its held-out loss is {sum_losses(scores)} after {step + 1} steps.")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import gymnasium
+import torch
 from omegaconf import DictConfig
 
 from morlnav.benchmarks import neighbours
@@ -18,7 +21,8 @@ TITLE = "Whole training: driving and learning in turns"
 NOTES = """Every row collects environment steps and makes the updates that belong to them: morlnav's recipes in the
 loop of `morlnav-train`, without the evaluations on the way (every 40,000 steps) and checkpoints; CAPQL as in
 its own `train`, with its default networks (2×256) and batches (128), on our Gymnasium environment. Rates of environment
-steps are not rates of learning: the recipes differ in the number of updates per step, which is given."""
+steps are not rates of learning: the recipes differ in the number of updates per step, which is given. On a CPU the
+default recipe then drives and learns once more beside a process that never rests, with one thread and with two."""
 
 RECIPES = {"morlnav, default recipe": (), "the paper's literal recipe": ("recipe=paper",)}
 
@@ -41,10 +45,32 @@ def measure(effort: Effort) -> list[Row]:
     learner = partial(neighbours.capql_training, gymnasium.make(ENV_ID), effort.device)
     contenders.append(Contender(name, learner, note=note, peer=True))
     rows = race("training", "environment steps", "steps/s", contenders, effort)
-    return rows + [
+    rows += [
         replace(row, case="updates", unit="updates/s", values=[ratios[row.name] * rate for rate in row.values])
         for row in rows
     ]
+    return rows + _beside_a_busy_process(configs["morlnav, default recipe"], effort) if effort.device == "cpu" else rows
+
+
+def _beside_a_busy_process(cfg: DictConfig, effort: Effort) -> list[Row]:
+    def with_threads(number: int) -> Callable[[], object]:
+        step = training(cfg)
+
+        def run() -> None:
+            torch.set_num_threads(number)
+            step()
+
+        return run
+
+    names, frames = ("morlnav, 1 thread", "morlnav, 2 threads"), cfg.trainer.frames_per_batch
+    contenders = [Contender(name, partial(with_threads, number), frames) for number, name in enumerate(names, 1)]
+    threads = torch.get_num_threads()
+    with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as busy:
+        try:
+            return race("training", "environment steps beside a busy process", "steps/s", contenders, effort)
+        finally:
+            busy.kill()
+            torch.set_num_threads(threads)
 
 
 def training(cfg: DictConfig) -> Callable[[], object]:

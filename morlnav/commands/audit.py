@@ -6,8 +6,6 @@ import argparse
 import sys
 from pathlib import Path
 
-import torch
-
 from morlnav.cli import one_sentence_errors, quiet, set_threads
 from morlnav.deployment.policy import CONFIG_FILE, check_targets, load_config
 from morlnav.trainers.auditing import audit_run, find_reward
@@ -40,7 +38,7 @@ def main() -> None:
         type=Path,
         help="where results go (default: audit beside the model, which then holds the verdict, too)",
     )
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
+    parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     args = parser.parse_args()
     given = {name: getattr(args, name) for name in ("plans", "bare", "scale", "offset", "seed")}

@@ -170,7 +170,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="steps of every pairwise interpolation of preferences")
     parser.add_argument("--seed", type=int, help="seed of the evaluation scenes")
     parser.add_argument("--output", type=Path, help="where results go (default: RUN_DIR/evaluation)")
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
+    parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     parser.add_argument("--contexts", type=Path, metavar="FILE", help="YAML file of preferences by room")
     parser.add_argument(

@@ -9,6 +9,8 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 from torchrl.envs import EnvBase, InitTracker, TransformedEnv
 
+from morlnav.modules.mode import eval_mode
+
 
 def roll_out_ranked(
     policy: Callable[[Tensor], Tensor],
@@ -60,7 +62,7 @@ def roll_out_ranked(
 
     state, steps = env.reset(), []
     running = torch.ones(count, dtype=torch.bool, device=env.device)
-    with torch.no_grad():
+    with torch.no_grad(), eval_mode(policy):
         while len(steps) < max_steps and running.any():
             step, state = env.step_and_maybe_reset(act(state))
             entries = {"reward": step["next", "reward"], "mask": running}

@@ -13,6 +13,8 @@ from torchrl.objectives.common import LossModule
 from torchrl.record.loggers import Logger
 from tqdm import trange
 
+from morlnav.modules.mode import eval_mode
+
 
 class Fit:
     """Minimises a loss with AdamW and a one-cycle learning rate; keeps the weights that are best on held-out data.
@@ -93,7 +95,7 @@ class Fit:
             scheduler.step()
             if (step + 1) % self.interval and step + 1 < self.steps:
                 continue
-            with torch.no_grad():
+            with torch.no_grad(), eval_mode(loss):
                 scores = {key: value.mean().item() for key, value in loss(held_out).items()}
             if not math.isfinite(_sum(scores)):
                 raise ValueError(f"{name} diverged: its held-out loss is {_sum(scores)} after {step + 1} steps.")

@@ -10,6 +10,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from morlnav.modules.mode import eval_mode
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
 from morlnav.navigation.envs.checks import reward_vector
 from morlnav.navigation.world import Contact, Scene, TensorWorld, World, without_human
@@ -133,7 +134,8 @@ def record_demonstrations(
     def attempt(batch: int, tries: int) -> TensorDict:
         env = NavigationEnv(copy.copy(world), sampler, objectives, num_envs=batch, seed=seed)
         pushes = None if disturbance is None else disturbance.sample(max_steps, batch, generator=generator)
-        return roll_out(policy, env, sampler(batch, device=env.device, generator=generator), pushes, max_steps)
+        with eval_mode(policy):
+            return roll_out(policy, env, sampler(batch, device=env.device, generator=generator), pushes, max_steps)
 
     advice = "make the scenes easier, the disturbance weaker or max_steps larger, or mend the policy"
     data, tries = keep_successes(attempt, num, num_envs, "episodes reached the goal", advice)

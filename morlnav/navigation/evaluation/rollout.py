@@ -10,6 +10,7 @@ import torch
 from tensordict import tensorclass
 from torch import Tensor
 
+from morlnav.modules.mode import eval_mode
 from morlnav.navigation.envs import Objective, Transition, default_objectives
 from morlnav.navigation.envs.checks import check_action, reward_vector
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld, World, without_human
@@ -105,7 +106,7 @@ def evaluate_policy(
     """Drive every preference in every scene, ``P * S`` episodes side by side (Sec. IV-B, IV-C).
 
     Finished episodes leave the batch, so that time goes to those still running. Gradients are off and the global
-    random state is restored afterwards; a module is called in the mode (``train`` or ``eval``) that it is in.
+    random state is restored afterwards; a module drives in evaluation mode and then goes back to its own.
 
     Args:
         policy: maps observations ``[B, 34]`` and preferences ``[B, n]`` to actions ``[B, 2]``.
@@ -161,7 +162,7 @@ def evaluate_policy(
     episode = torch.arange(count, device=world.device)  # which episode each slot of the world drives
     running = torch.ones_like(episode, dtype=torch.bool)
     lidar = -world.lidar.sectors
-    with torch.random.fork_rng(devices=[world.device] if world.device.type == "cuda" else []):
+    with torch.random.fork_rng(devices=[world.device] if world.device.type == "cuda" else []), eval_mode(policy):
         observation = world.observe()
         pose[:, 0], clearance[:, 0] = world.pose, observation[:, lidar:].amin(-1)
         for step in range(max_steps):

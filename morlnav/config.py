@@ -64,7 +64,7 @@ def as_part(value: Any, where: str) -> Any:
     if _is_node(value):
         return Part(value, where)
     if isinstance(value, Mapping):
-        return {name: as_part(child, f"{where}.{name}") for name, child in value.items()}
+        return {name: as_part(child, _join(where, name)) for name, child in value.items()}
     return value
 
 
@@ -122,7 +122,7 @@ def plain(node: Any) -> Any:
     return OmegaConf.to_container(node, resolve=True, throw_on_missing=True) if OmegaConf.is_config(node) else node
 
 
-def build(node: Any, where: str = "config", /, **live: Any) -> Any:
+def build(node: Any, where: str = "", /, **live: Any) -> Any:
     """Build what a node names, its children first; every part also gets the live objects that it names as arguments.
 
     Args:
@@ -147,7 +147,7 @@ def build(node: Any, where: str = "config", /, **live: Any) -> Any:
     if not isinstance(node, dict):
         return node
     if "_target_" not in node:
-        return {name: build(child, f"{where}.{name}", **live) for name, child in node.items()}
+        return {name: build(child, _join(where, name), **live) for name, child in node.items()}
     signature = _Signature.of(node, where)
     given: dict[str, Any] = {}
     for name, value in node.items():
@@ -159,7 +159,7 @@ def build(node: Any, where: str = "config", /, **live: Any) -> Any:
     return signature.call(where, **given)
 
 
-def check(node: Any, where: str = "config", live: Collection[str] = (), kind: Any = Any) -> None:
+def check(node: Any, where: str = "", live: Collection[str] = (), kind: Any = Any) -> None:
     """Refuse a config whose parts could not be built, without building any.
 
     Args:
@@ -179,7 +179,7 @@ def check(node: Any, where: str = "config", live: Collection[str] = (), kind: An
         return
     if "_target_" not in node:
         for name, child in node.items():
-            check(child, f"{where}.{name}", live, _inner(kind))
+            check(child, _join(where, name), live, _inner(kind))
         return
     signature = _Signature.of(node, where)
     signature.check_kind(kind, where)
@@ -188,7 +188,7 @@ def check(node: Any, where: str = "config", live: Collection[str] = (), kind: An
             signature.take(name, value, where, lambda child, key, hint=signature.hint(name): check(child, key, live, hint))
     missing = [name for name in signature.required if name not in node and name not in live]
     if missing and not node.get("_partial_"):
-        raise ValueError(f"{where}.{missing[0]} is missing; {signature.name} needs it.")
+        raise ValueError(f"{_join(where, missing[0])} is missing; {signature.name} needs it.")
 
 
 class _Signature:
@@ -213,9 +213,9 @@ class _Signature:
         try:
             target = get_object(name)
         except Exception as error:
-            raise ValueError(f"{where}._target_: there is no {name} ({_cause(error)}).") from error
+            raise ValueError(f"{_join(where, '_target_')}: there is no {name} ({_cause(error)}).") from error
         if not callable(target):
-            raise ValueError(f"{where}._target_: {name} is a {type(target).__name__}, which cannot be called.")
+            raise ValueError(f"{_join(where, '_target_')}: {name} is a {type(target).__name__}, which cannot be called.")
         return cls(name, target)
 
     def hint(self, name: str) -> Any:
@@ -223,7 +223,7 @@ class _Signature:
 
     def take(self, name: str, value: Any, where: str, descend: Callable[[Any, str], Any]) -> Any:
         """The argument that a value of the config becomes."""
-        key, hint = f"{where}.{name}", self.hint(name)
+        key, hint = _join(where, name), self.hint(name)
         if name not in self.names and not self.open:
             raise ValueError(f"{key} is no argument of {self.name}; {nearest(name, self.names)}")
         if _is_node(value) and _is_part(hint):
@@ -232,8 +232,8 @@ class _Signature:
         if isinstance(value, dict) and _is_part(_inner(hint)):
             for child, node in value.items():
                 if _is_node(node):
-                    check(node, f"{key}.{child}", _ANY, _inner(_inner(hint)))
-            return {child: Part(node, f"{key}.{child}") if _is_node(node) else node for child, node in value.items()}
+                    check(node, _join(key, child), _ANY, _inner(_inner(hint)))
+            return {child: Part(node, _join(key, child)) if _is_node(node) else node for child, node in value.items()}
         if not _holds_node(value) and not fits(value, hint):
             raise ValueError(f"{key} must be {describe(hint)}, got {value!r}.")
         return descend(value, key)
@@ -248,17 +248,17 @@ class _Signature:
         if not any(issubclass(made, cls) for cls in wanted if cls is not collections.abc.Callable) and not (
             collections.abc.Callable in wanted and "__call__" in dir(made)
         ):
-            raise ValueError(f"{where}._target_ must make {describe(kind)}, but {self.name} makes a {made.__name__}.")
+            raise ValueError(f"{_join(where, '_target_')} must make {describe(kind)}, but {self.name} makes a {made.__name__}.")
 
     def call(self, where: str, *args: Any, **arguments: Any) -> Any:
         missing = [name for name in self.required[len(args) :] if name not in arguments]
         if missing:
-            raise ValueError(f"{where}.{missing[0]} is missing; {self.name} needs it.")
+            raise ValueError(f"{_join(where, missing[0])} is missing; {self.name} needs it.")
         try:
             return self.target(*args, **arguments)
         except (TypeError, ValueError) as error:
-            if where in str(error):
-                raise
+            if not where or where in str(error):
+                raise ValueError(str(error)) from error
             raise ValueError(f"{where}: {error}") from error
 
 
@@ -344,6 +344,10 @@ def describe(hint: Any) -> str:
     if inspect.isclass(kind) and issubclass(kind, collections.abc.Sequence):
         return "a list" + (f" (each {describe(inner[0])})" if inner and inner[0] is not Any else "")
     return f"a {getattr(kind, '__name__', kind)}"
+
+
+def _join(where: str, name: str) -> str:
+    return f"{where}.{name}" if where else name
 
 
 def _is_node(value: Any) -> bool:

@@ -80,7 +80,8 @@ def load_module(path: str | Path, device: torch.device | str = "cpu", trust: boo
         FileNotFoundError: if one of the two files is missing.
         ValueError: if a file is damaged, names a foreign class, or the two do not belong together.
     """
-    model = _build(_read(path)["model"], Path(path).with_suffix(".json"), trust)
+    with torch.random.fork_rng(devices=[]):  # what is drawn afterwards does not depend on what was loaded
+        model = _build(_read(path)["model"], Path(path).with_suffix(".json"), trust)
     model = load_weights(model, path, device).requires_grad_(False)
     check_weights(model, str(path))
     return model

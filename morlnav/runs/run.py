@@ -1,0 +1,108 @@
+"""A run directory: its config, and what was trained there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+from yaml import YAMLError
+
+from morlnav.config import build, plain
+from morlnav.deployment import Policy, load
+from morlnav.evaluation import Evaluation
+from morlnav.runs.trust import foreign_targets
+from morlnav.trainers import LearnedReward, Training
+
+CONFIG_FILE = "config.yaml"
+OF_THE_COMMAND = ("_recursive_", "threads", "resume", "trust")
+"""Keys of a config that say how to train, and not what."""
+
+
+class Run:
+    """What a finished or unfinished training left in a directory.
+
+    Args:
+        directory: of the run.
+        trust: build classes from outside this package that the config names. Only for runs of your own.
+        changes: replace values of the config's ``evaluation``, such as ``{"episodes": 20}``.
+
+    Raises:
+        FileNotFoundError: if the directory holds no run.
+        ValueError: if its config is damaged, older than this version, or names foreign classes and is not trusted.
+
+    Examples:
+        >>> run = Run(Path("results/default"))
+        >>> run.policy.objectives
+        ('demo', 'distance', 'efficiency')
+        >>> sorted(run.learned)
+        ['demo']
+    """
+
+    def __init__(self, directory: Path, trust: bool = False, changes: Mapping[str, Any] | None = None) -> None:
+        self.directory, self.trust = directory, trust
+        self.config = load_config(directory)
+        if not trust and (foreign := foreign_targets(self.config)):
+            raise ValueError(
+                f"This run uses the foreign {foreign[0]}; if it is your own, trust it (--trust, or trust=True)."
+            )
+        self.config["evaluation"] |= {name: value for name, value in (changes or {}).items() if value is not None}
+
+    @cached_property
+    def training(self) -> Training:
+        """What was trained."""
+        return make_training(self.config)
+
+    @cached_property
+    def policy(self) -> Policy:
+        """The trained policy."""
+        return load(self.directory, self.trust)
+
+    @cached_property
+    def learned(self) -> dict[str, LearnedReward]:
+        """The rewards that were learned from demonstrations."""
+        return self.training.restore_rewards(self.directory)
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """What measures the policy."""
+        return self.training.make_evaluation(self.learned)
+
+
+def load_config(directory: str | Path) -> dict[str, Any]:
+    """The config of a run, for use on the CPU wherever it was trained.
+
+    Raises:
+        FileNotFoundError: if the directory holds no run.
+        ValueError: if its config is damaged, or older than this version.
+
+    Examples:
+        >>> load_config("results/default")["seed"]
+        0
+    """
+    path = Path(directory) / CONFIG_FILE
+    if not path.is_file():
+        raise FileNotFoundError(f"{directory} is not a run directory: it holds no {CONFIG_FILE}.")
+    try:
+        config = OmegaConf.load(path)
+        text = path.read_text(encoding="utf-8")
+    except (YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path} is damaged: it is no YAML.") from error
+    if not OmegaConf.is_dict(config):
+        raise ValueError(f"{path} is damaged: it maps no keys to values.")
+    if "${" in text:  # runs are saved resolved, and a resolver could make up a class
+        raise ValueError(f"The config of a run holds no interpolation, but {path} does.")
+    if "_target_" not in config:
+        raise ValueError(f"{directory} was made by morlnav 0.1; this version reads runs since 0.2, so train it again.")
+    return plain(config) | {"device": "cpu"}
+
+
+def make_training(config: Mapping[str, Any]) -> Training:
+    """The training that a config names, at its root.
+
+    Raises:
+        ValueError: in one sentence that names the key, for whatever the config gets wrong.
+    """
+    return build({name: value for name, value in plain(config).items() if name not in OF_THE_COMMAND}, "")

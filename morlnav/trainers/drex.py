@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ from typing import Any
 
 import torch
 from filelock import FileLock
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule
 from torch import nn
@@ -28,49 +27,31 @@ from morlnav.modules import NormalisedReward, RewardEnsemble, load_reward, load_
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.auditing import audit_run
 from morlnav.trainers.builders import bounds_of, build, make_base_env, make_features
+from morlnav.trainers.origins import (
+    STAGES,
+    WORLD,
+    digest,
+    origin,
+    parts_of,
+    refuse_other_rewards,
+    saved_rewards,
+    use_own_offsets,
+)
 from morlnav.trainers.styles import (
     CLONE_FILE,
-    demonstrated_objectives,
     make_clone,
-    style_config,
     style_directory,
     style_of,
 )
 from morlnav.trainers.supervised import fit
 from morlnav.world import Scene
 
-WORLD = ("world", "env.scenes", "env.max_steps", "env.observe_human")
-STAGES = (*WORLD, "demonstrations", "networks.features", "clone", "ranking")
-"""What a reward model depends on."""
-
 
 def stage_directory(cfg: DictConfig, *groups: str) -> Path:
     """Where a stage keeps its result: named by a hash of every part of the config it depends on."""
-    content = _parts(cfg, *groups) | {"threads": cfg.threads}  # a seed's result holds for a number of threads
+    content = parts_of(cfg, *groups) | {"threads": cfg.threads}  # a seed's result holds for a number of threads
     content |= {name: version(name) for name in ("morlnav", "torch")}  # ... and for a version of the code
-    return Path(cfg.cache) / f"{groups[-1]}-{_digest(content)}"
-
-
-def _parts(cfg: DictConfig, *groups: str) -> dict[str, Any]:
-    parts = {group: OmegaConf.select(cfg, group) for group in groups}
-    content = {
-        group: OmegaConf.to_container(part, resolve=True) if OmegaConf.is_config(part) else part
-        for group, part in parts.items()
-    }
-    return content | {"seed": cfg.seed}
-
-
-def _digest(content: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
-
-
-def _origin(cfg: DictConfig) -> str:
-    """What a run's reward comes from: the place of a saved one, or all that it is learned by.
-
-    Neither threads nor versions count: a run that goes on elsewhere keeps its reward.
-    """
-    place = cfg.objectives[style_of(cfg)].reward.path
-    return _digest(_parts(cfg, *STAGES) if place is None else {"path": place})
+    return Path(cfg.cache) / f"{groups[-1]}-{digest(content)}"
 
 
 @contextmanager
@@ -93,57 +74,15 @@ def learn_demonstration_rewards(cfg: DictConfig, directory: Path, logger: Logger
         ValueError: if a reward fails its audit and ``audit.required``, or if one of another config lies there.
     """
     use_own_offsets(cfg)
-    views = _saved_rewards(cfg, directory)
-    for path, view in views.items():
-        if path.exists():
-            _check_origin(view, path)
-    for path, view in views.items():  # nothing is written before all are checked
+    refuse_other_rewards(cfg, directory)
+    for path, view in saved_rewards(cfg, directory).items():
         reward = view.objectives[style_of(view)].reward
         if reward.path is None:
             _learn_reward(view, directory, path, logger)
         elif reward.path != str(path):
             facts = read_facts(reward.path)["facts"]
-            save_reward(load_reward(reward.path), path, {**facts, "origin": _origin(view)})
+            save_reward(load_reward(reward.path), path, {**facts, "origin": origin(view)})
         cfg.objectives[style_of(view)].reward.path = str(path)
-
-
-def use_kept_rewards(cfg: DictConfig, directory: Path) -> None:
-    """Put the places of the rewards that a run keeps into ``cfg``; writes nothing.
-
-    Raises:
-        FileNotFoundError: if one of them is missing.
-        ValueError: if one of them belongs to another config.
-    """
-    for path, view in _saved_rewards(cfg, directory).items():
-        _check_origin(view, path)
-        cfg.objectives[style_of(view)].reward.path = str(path)
-
-
-def use_own_offsets(cfg: DictConfig) -> None:
-    """Give every demonstrated objective the offset of its own ranking."""
-    for name in demonstrated_objectives(cfg):
-        view = style_config(cfg, name)
-        if "offset" in view.objectives[name]:
-            cfg.objectives[name].offset = view.objectives[name].offset
-
-
-def _saved_rewards(cfg: DictConfig, directory: Path) -> dict[Path, DictConfig]:
-    """Where the run's rewards lie, with the configs as they see them; classes of the user's own are not among them."""
-    views = {name: style_config(cfg, name) for name in demonstrated_objectives(cfg)}
-    return {
-        style_directory(directory, name) / "reward.pt": view
-        for name, view in views.items()
-        if "path" in view.objectives[name].reward
-    }
-
-
-def _check_origin(cfg: DictConfig, path: Path) -> None:
-    named = cfg.objectives[style_of(cfg)].reward.path == str(path)
-    if read_facts(path)["facts"].get("origin") != _origin(cfg) and not named:
-        raise ValueError(
-            f"{path} belongs to another config than that of this run; train in another directory, or name that reward "
-            f"as objectives.{style_of(cfg)}.reward.path."
-        )
 
 
 def _learn_reward(cfg: DictConfig, directory: Path, path: Path, logger: Logger | None) -> None:
@@ -163,7 +102,7 @@ def _learn_reward(cfg: DictConfig, directory: Path, path: Path, logger: Logger |
             f"pipeline, or train on this reward with audit.required=false."
         )
     save_reward(
-        model, path, {**read_facts(_reward_file(cfg))["facts"], "audit": verdict, **facts, "origin": _origin(cfg)}
+        model, path, {**read_facts(_reward_file(cfg))["facts"], "audit": verdict, **facts, "origin": origin(cfg)}
     )
 
 

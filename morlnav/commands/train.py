@@ -33,7 +33,8 @@ from morlnav.settings import (
     refuse_what_does_not_fit,
 )
 from morlnav.trainers import make_trainer
-from morlnav.trainers.drex import learn_demonstration_rewards, use_kept_rewards, use_own_offsets
+from morlnav.trainers.drex import learn_demonstration_rewards
+from morlnav.trainers.origins import refuse_other_rewards, use_kept_rewards, use_own_offsets
 from morlnav.trainers.resume import load_checkpoint
 from morlnav.trainers.run_directory import remove_leftovers, reserved
 from morlnav.trainers.workers import watched
@@ -53,9 +54,6 @@ def _begin(cfg: DictConfig, directory: Path, checkpoint: Path | None) -> Trainer
     """A trainer at its start, or where a checkpoint left it; nothing is written until a resumed one is there."""
     composed, resumed = OmegaConf.to_yaml(cfg), checkpoint is not None
     use_own_offsets(cfg)
-    if not resumed:
-        refuse_another_run(cfg, directory)
-    torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
     if resumed:
         use_kept_rewards(cfg, directory)
         if (directory / policies.CONFIG_FILE).is_file():
@@ -65,6 +63,9 @@ def _begin(cfg: DictConfig, directory: Path, checkpoint: Path | None) -> Trainer
         _continue(trainer, cfg, directory, checkpoint)
         trainer.logger = TensorboardCSVLogger("logs", directory)
     else:
+        refuse_another_run(cfg, directory)
+        refuse_other_rewards(cfg, directory)
+        torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
         logger = TensorboardCSVLogger("logs", directory)
         learn_demonstration_rewards(cfg, directory, logger)
         torch.manual_seed(cfg.seed)

@@ -14,15 +14,14 @@ from morlnav.policy import CONFIG_FILE, POLICY_FILE, load_config
 NO_RESULT_DEPENDS_ON = ("cache", "trainer.progress_bar")
 
 
-def changed_settings(
-    cfg: DictConfig, directory: Path, counts: Callable[[str], bool] = lambda key: key not in NO_RESULT_DEPENDS_ON
-) -> list[str]:
+def changed_settings(cfg: DictConfig, directory: Path, counts: Callable[[str], bool] = lambda key: True) -> list[str]:
     """What a config says otherwise than that of the run in a directory, as ``seed: 0 then, 5 now``.
 
     Args:
         cfg: the config.
         directory: of the run.
-        counts: which keys to compare; where a reward lies never counts, for a run may be moved.
+        counts: which keys to compare; what no result depends on never counts, nor where a reward lies, for a run may
+            be moved.
 
     Examples:
         >>> import tempfile
@@ -35,7 +34,10 @@ def changed_settings(
     return [
         f"{key}: {began.get(key, 'nothing')} then, {now.get(key, 'nothing')} now"
         for key in dict.fromkeys([*now, *began])
-        if began.get(key, "nothing") != now.get(key, "nothing") and not key.endswith(".reward.path") and counts(key)
+        if began.get(key, "nothing") != now.get(key, "nothing")
+        and key not in NO_RESULT_DEPENDS_ON
+        and not key.endswith(".reward.path")
+        and counts(key)
     ]
 
 

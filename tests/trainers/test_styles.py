@@ -14,7 +14,8 @@ from morlnav.data import load_demonstrations, record_demonstrations, save_demons
 from morlnav.modules import CircumnavigationOracle, PassingOracle, read_facts
 from morlnav.policy import check_targets, load_config
 from morlnav.train import run
-from morlnav.trainers.drex import judge_clone, make_demonstrations, stage_directory, use_own_offsets
+from morlnav.trainers.drex import judge_clone, make_demonstrations, stage_directory
+from morlnav.trainers.origins import use_own_offsets
 from morlnav.trainers.styles import (
     demonstrated_objectives,
     demonstrated_paths,

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
@@ -20,79 +21,77 @@ from omegaconf import DictConfig, OmegaConf
 from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
 
-from morlnav.analysis import load_fronts
-from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, set_threads, stage
-from morlnav.commands.evaluate import evaluate_run, show_evaluation
-from morlnav.deployment import policy as policies
-from morlnav.record.loggers import TensorboardCSVLogger
-from morlnav.resuming import resumed_words
-from morlnav.settings import (
+from morlnav import deployment
+from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, set_threads
+from morlnav.config import check, plain, setting
+from morlnav.record.progress import stage
+from morlnav.runs import CONFIG_FILE, Run, make_training
+from morlnav.runs.directory import remove_leftovers, reserved
+from morlnav.runs.resuming import resumed_words
+from morlnav.runs.run import OF_THE_COMMAND
+from morlnav.runs.settings import (
     refuse_another_run,
     refuse_new_defaults,
     refuse_to_change_a_finished_run,
     refuse_what_does_not_fit,
 )
-from morlnav.trainers import make_trainer
-from morlnav.trainers.drex import learn_demonstration_rewards
-from morlnav.trainers.origins import refuse_other_rewards, use_kept_rewards, use_own_offsets
-from morlnav.trainers.resume import load_checkpoint
-from morlnav.trainers.run_directory import remove_leftovers, reserved
+from morlnav.trainers import Training
+from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.workers import watched
 
 
-def run(cfg: DictConfig, directory: Path) -> str | None:
-    """Train as ``cfg`` says and leave everything in ``directory``; returns the table, or ``None`` if interrupted."""
-    _check_device(cfg.device)
-    checkpoint = None if cfg.resume is None else _checkpoint_of(Path(cfg.resume))
+def run(cfg: DictConfig, directory: Path) -> Run | None:
+    """Train as ``cfg`` says and leave everything in ``directory``; returns the run, or ``None`` if interrupted."""
+    config = plain(cfg)
+    threads, resume = config.pop("threads"), config.pop("resume")
+    check({name: value for name, value in config.items() if name not in OF_THE_COMMAND})
     keep_freed_memory()
-    set_threads(cfg.threads)
+    set_threads(threads)
+    checkpoint = None if resume is None else _checkpoint_of(Path(resume))
+    training = make_training(config)
+    with tempfile.TemporaryDirectory() as scratch:  # all that constructors refuse, before anything is learned or written
+        training.rehearse(Path(scratch))
     with reserved(directory):
-        return _train(cfg, directory, _begin(cfg, directory, checkpoint))
+        trainer = _begin(cfg, training, directory, checkpoint)
+        return _train(training, trainer, directory)
 
 
-def _begin(cfg: DictConfig, directory: Path, checkpoint: Path | None) -> Trainer:
+def _begin(cfg: DictConfig, training: Training, directory: Path, checkpoint: Path | None) -> Trainer:
     """A trainer at its start, or where a checkpoint left it; nothing is written until a resumed one is there."""
-    composed, resumed = OmegaConf.to_yaml(cfg), checkpoint is not None
-    use_own_offsets(cfg)
-    if resumed:
-        use_kept_rewards(cfg, directory)
-        if (directory / policies.CONFIG_FILE).is_file():
-            refuse_new_defaults(cfg, directory)
-        torch.manual_seed(cfg.seed)
-        trainer = make_trainer(cfg, directory, None)
-        _continue(trainer, cfg, directory, checkpoint)
-        trainer.logger = TensorboardCSVLogger("logs", directory)
-    else:
+    torch.manual_seed(training.seed)
+    if checkpoint is None:
         refuse_another_run(cfg, directory)
-        refuse_other_rewards(cfg, directory)
-        torch.manual_seed(cfg.seed)  # of the demonstration pipeline, and below of the training
-        logger = TensorboardCSVLogger("logs", directory)
-        learn_demonstration_rewards(cfg, directory, logger)
-        torch.manual_seed(cfg.seed)
-        trainer = make_trainer(cfg, directory, logger)
+        logger = training.make_logger(directory)
+        trainer = training.make_trainer(directory, training.learn_rewards(directory, logger), logger)
+    else:
+        if (directory / CONFIG_FILE).is_file():
+            refuse_new_defaults(cfg, directory)
+        trainer = training.make_trainer(directory, training.restore_rewards(directory))
+        _continue(trainer, cfg, directory, checkpoint)
+        trainer.logger = training.make_logger(directory)
     remove_leftovers(directory)
-    _keep_versions(directory / "versions.json", resumed)
-    OmegaConf.save(cfg, directory / policies.CONFIG_FILE, resolve=True)
-    _keep_words(directory / ".hydra", composed)
+    _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
+    OmegaConf.save(cfg, directory / CONFIG_FILE, resolve=True)
+    _keep_words(directory / ".hydra", OmegaConf.to_yaml(cfg))
     return trainer
 
 
 def _continue(trainer: Trainer, cfg: DictConfig, directory: Path, checkpoint: Path) -> None:
     try:
-        load_checkpoint(trainer, checkpoint)
-        if trainer.collected_frames >= trainer.total_frames and (directory / policies.CONFIG_FILE).is_file():
+        checkpoint = load_checkpoint(trainer, checkpoint)
+        if trainer.collected_frames >= trainer.total_frames and (directory / CONFIG_FILE).is_file():
             refuse_to_change_a_finished_run(cfg, directory)
     except BaseException as error:
         trainer.collector.shutdown()  # or its workers would stay
-        if isinstance(error, CheckpointError) and (directory / policies.CONFIG_FILE).is_file():
+        if isinstance(error, CheckpointError) and (directory / CONFIG_FILE).is_file():
             refuse_what_does_not_fit(cfg, directory, error)
         raise
     print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
-    if cfg.trainer.progress_bar:
+    if trainer.progress_bar:
         trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
 
 
-def _train(cfg: DictConfig, directory: Path, trainer: Trainer) -> str | None:
+def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
     interrupted = False
 
     def stop(*_: object) -> None:
@@ -109,27 +108,21 @@ def _train(cfg: DictConfig, directory: Path, trainer: Trainer) -> str | None:
             with watched(trainer.collector):
                 trainer.train()
     finally:
-        if cfg.trainer.progress_bar and hasattr(trainer, "_pbar"):
+        if trainer.progress_bar and hasattr(trainer, "_pbar"):
             trainer._pbar.close()  # or its last line would run into the table
         for number, handler in handlers.items():
             signal.signal(number, handler)
     if interrupted and trainer.collected_frames < trainer.total_frames:
         print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={directory}")
         return None
-    policies.save(trainer.checkpoint.components["average"].module, directory)
+    finished = Run(directory, trust=True)
+    deployment.save(trainer.checkpoint.components["average"].module, finished.evaluation.objectives, directory)
     print(f"\nTrained for {duration(time.perf_counter() - start)}.")
-    with stage("evaluation", cfg.trainer.progress_bar):
-        table = evaluate_run(directory, trust=True)
-    show_evaluation(directory)
+    with stage("evaluation", setting(training.trainer, "progress_bar")):
+        finished.evaluation.report(finished.policy, directory / "evaluation")
+    finished.evaluation.show(directory / "evaluation", directory)
     print(f"Everything is in {directory}")
-    return table
-
-
-def _check_device(device: str) -> None:
-    try:
-        torch.empty(0, device=device)
-    except (RuntimeError, AssertionError) as error:  # PyTorch raises the latter where it was built without CUDA
-        raise ValueError(f"device={device} cannot be used on this machine: {str(error).splitlines()[0]}") from error
+    return finished
 
 
 def _checkpoint_of(path: Path) -> Path:
@@ -142,7 +135,7 @@ def _checkpoint_of(path: Path) -> Path:
 def _versions() -> dict[str, str]:
     names = ("morlnav", "torch", "torchrl", "tensordict", "gymnasium", "hydra-core", "pymunk", "numpy", "scipy")
     versions = {name: version(name) for name in names} | {"python": sys.version.split()[0]}
-    checkout = Path(__file__).parents[1]
+    checkout = Path(__file__).parents[2]
     if shutil.which("git") is None or not (checkout / ".git").exists():
         return versions
     git = ["git", "-C", str(checkout)]
@@ -176,10 +169,10 @@ def _keep_words(folder: Path, composed: str) -> None:
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
-    directory = Path(HydraConfig.get().runtime.output_dir)
-    if run(cfg, directory) is None:
+    finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
+    if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too
-    return float(load_fronts(directory)["expected_utility"].iloc[0])  # what a sweeper may maximise
+    return finished.evaluation.utility(finished.directory / "evaluation")  # what a sweeper may maximise
 
 
 def main() -> None:

@@ -48,13 +48,17 @@ class Cache:
         self.config, self.seed, self.show, self.name = config, seed, show, name
 
     def digest(self, stage_name: str) -> str | None:
-        """What a stage depends on, in short."""
+        """What a stage's place in the cache is called: its origin, threads and versions."""
+        code = {name: version(name) for name in ("morlnav", "torch")}
+        return self.origin(stage_name, threads=torch.get_num_threads(), **code)
+
+    def origin(self, stage_name: str, **more: Any) -> str | None:
+        """What a stage's result comes from, wherever and with whatever version it was made."""
         if self.config is None:
             return None
         names = list(self.config)
-        content = {name: self.config[name] for name in names[: names.index(stage_name) + 1]}
-        content |= {"seed": self.seed, "threads": torch.get_num_threads()}
-        content |= {name: version(name) for name in ("morlnav", "torch")}
+        content = {name: self.config[name] for name in names[: names.index(stage_name) + 1]} | more
+        content["seed"] = self.seed
         return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:12]
 
     def label(self, stage_name: str) -> str:

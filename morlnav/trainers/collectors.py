@@ -24,7 +24,10 @@ def num_workers(collector: Part[BaseCollector] | Callable[..., BaseCollector]) -
     2
     """
     settings = collector.node if isinstance(collector, Part) else getattr(collector, "keywords", {})
-    return settings.get("num_collectors") or 0
+    number = settings.get("num_collectors")
+    if number is not None and number < 1:
+        raise ValueError(f"collector.num_collectors must be at least 1, got {number}.")
+    return number or 0
 
 
 def make_collector(
@@ -57,10 +60,7 @@ def make_collector(
         if "auto_register_policy_transforms" in takes(collector):
             live["auto_register_policy_transforms"] = False
         return supply(collector, create_env_fn=env, **live)
-    num_envs = env.batch_size.numel()
-    if num_envs % workers:
-        raise ValueError(f"env.num_envs ({num_envs}) must be a multiple of {workers} collectors.")
-    share = num_envs // workers
+    share = share_of(workers, env.batch_size.numel())
     makers = [partial(_make_workers_env, make_env, share, worker, seed * workers + worker) for worker in range(workers)]
     try:
         return supply(collector, create_env_fn=makers, **live)
@@ -70,6 +70,17 @@ def make_collector(
         traceback.clear_frames(error.__traceback__)  # what is left of the collector would hang at exit
         message = "A collecting process died at its start; for lack of memory? Then lower collector.num_collectors."
         raise ChildProcessError(message) from error
+
+
+def share_of(workers: int, num_envs: int) -> int:
+    """How many environments each worker drives.
+
+    Raises:
+        ValueError: unless all drive as many.
+    """
+    if num_envs % workers:
+        raise ValueError(f"env.num_envs ({num_envs}) must be a multiple of {workers} collectors.")
+    return num_envs // workers
 
 
 def _make_workers_env(make_env: Callable[..., EnvBase], share: int, worker: int, seed: int) -> Any:

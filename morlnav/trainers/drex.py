@@ -18,7 +18,7 @@ from torchrl.record.loggers import Logger
 
 from morlnav.config import Part, supply
 from morlnav.data import SnippetPairs, roll_out_ranked
-from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, save_module
+from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, read_facts, save_module
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.cache import Cache
 from morlnav.trainers.live import live_objects
@@ -203,7 +203,7 @@ class LearnedReward:
     Attributes:
         transform: pays for it in an environment.
         demonstrator: who drives as demonstrated, from observations ``[B, D]`` to actions ``[B, A]``.
-        clone: the network that imitates the demonstrator; ``None`` where it was not kept.
+        clone: the network that imitates the demonstrator.
     """
 
     transform: DemonstrationReward
@@ -275,7 +275,7 @@ class DREX:
         """Learn the rewards, and leave them in a run directory.
 
         Args:
-            directory: receives ``reward.pt``, ``audit/`` and, where nobody can be asked, ``clone.pt``.
+            directory: receives ``reward.pt``, ``clone.pt`` and ``audit/``.
             logger: receives the losses.
 
         Raises:
@@ -299,9 +299,8 @@ class DREX:
             verdict = self._audit(name, reward, source.policy or clone, reasons, directory)
             facts |= {"audit": verdict}
         if directory is not None:
-            save_module(reward, directory / REWARD_FILE, {**facts, "config": stages.digest("ranking")})
-            if source.policy is None:
-                save_module(clone, directory / CLONE_FILE)
+            save_module(reward, directory / REWARD_FILE, {**facts, "origin": stages.origin("ranking")})
+            save_module(clone, directory / CLONE_FILE)
         return self._learned(name, reward, source.policy or clone, clone)
 
     def restore(self, directory: Path) -> dict[str, LearnedReward]:
@@ -314,9 +313,11 @@ class DREX:
         return {name: self._restore(name, place(directory, name)) for name in self.demonstrations}
 
     def _restore(self, name: str, directory: Path) -> LearnedReward:
-        policy = self.demonstrations[name].policy
-        clone = load_module(directory / CLONE_FILE) if policy is None else None
-        return self._learned(name, load_module(directory / REWARD_FILE), policy or clone, clone)
+        policy, file, origin = self.demonstrations[name].policy, directory / REWARD_FILE, self.stages[name].origin("ranking")
+        if origin is not None and read_facts(file).get("origin") != origin:
+            raise ValueError(f"{file} was learned by another config than that of this run.")
+        clone = load_module(directory / CLONE_FILE)
+        return self._learned(name, load_module(file), policy or clone, clone)
 
     def _learned(self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module | None) -> LearnedReward:
         entry = self.live["num_static"] + self.names.index(name)

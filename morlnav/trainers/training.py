@@ -28,7 +28,7 @@ from morlnav.data import PreferenceSampler
 from morlnav.evaluation import Evaluation
 from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
-from morlnav.trainers.collectors import make_collector, num_workers
+from morlnav.trainers.collectors import make_collector, num_workers, share_of
 from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import StepExploration
@@ -219,6 +219,27 @@ class Training:
         ReplayBufferTrainer(replay, flatten_tensordicts=True).register(trainer)
         StepExploration(noise).register(trainer)
         return trainer
+
+    def rehearse(self, directory: Path) -> None:
+        """Build every part once, with rewards of nothing in place of learned ones, to find out what does not fit.
+
+        Args:
+            directory: where a part may write that writes at once.
+
+        Raises:
+            ValueError: for whatever a constructor refuses.
+        """
+        state = torch.get_rng_state()
+        learned = {} if self.rewards is None else self._pipeline().untrained()
+        brief = copy.copy(self)
+        if num_workers(self.collector):  # workers cost seconds
+            share_of(num_workers(self.collector), self.base_env().batch_size.numel())
+            brief.collector = Part({"_target_": "torchrl.collectors.Collector", "backend": "direct"}, "collector").replace(
+                frames_per_batch=setting(self.collector, "frames_per_batch")
+            )
+        trainer = brief.make_trainer(directory, learned, self.make_logger(directory))
+        trainer.collector.shutdown()
+        torch.set_rng_state(state)
 
     def make_evaluation(self, learned: Mapping[str, LearnedReward]) -> Evaluation:
         """What measures a policy that learned, or learns, with these rewards."""

@@ -20,7 +20,7 @@ def test_they_train_and_are_evaluated_in_our_scenes(name, tmp_path):
     assert record["environment_steps"] > 40
     assert agent.global_step == record["environment_steps"] + 1
     table = EXAMPLE["evaluate"](EXAMPLE["Policy"](agent, len(objectives)), objectives, tmp_path / "evaluation", 2, 1)
-    assert "Hypervolume" in table
+    assert "hypervolume" in table
     assert len(pd.read_csv(tmp_path / "evaluation" / "episodes.csv")) == 2 * 2
     json.dumps(record)
     EXAMPLE["main"](["compare", str(tmp_path), "--output", str(tmp_path / "peers")])

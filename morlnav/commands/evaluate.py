@@ -126,6 +126,38 @@ def show_evaluation(directory: Path, output: Path | None = None) -> None:
     console.print(f"All rows and columns are in {output / 'table.md'}", soft_wrap=True)
 
 
+def animate_run(
+    directory: Path, file: Path, scene: int = 0, steps: int = 2, trust: bool = False, **changes: int
+) -> None:
+    """Show the knob in motion, four times as fast: several preferences at once, in one scene that the policy never saw.
+
+    Args:
+        directory: a run directory.
+        file: the animation, ``.gif``.
+        scene: which of the evaluation scenes.
+        steps: of every pairwise interpolation of preferences.
+        trust: build classes from outside the package that the run's config names.
+        changes: as for :func:`evaluate_run`.
+
+    Raises:
+        ValueError: for another kind of file, or a scene that the evaluation does not have.
+    """
+    if file.suffix.lower() != ".gif":
+        raise ValueError(f"The animation is a GIF; give it a name such as {file.with_suffix('.gif')}, not {file}.")
+    from morlnav.record.animation import animate_rollouts  # loads matplotlib
+
+    policy, cfg, env = _load(directory, trust, changes)
+    if not 0 <= scene < cfg.evaluation.episodes:
+        raise ValueError(
+            f"The scene must be an index below evaluation.episodes={cfg.evaluation.episodes}, got {scene}."
+        )
+    rollouts = _drive(policy, cfg, env, preference_edges(len(env.objectives), steps), slice(scene, scene + 1))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    world = env.world
+    radii = {"human_radius": world.human_radius, "robot_radius": world.robot.radius, "step_time": world.step_time}
+    animate_rollouts(rollouts, env.objectives, stride=2, **radii).save(file, writer="pillow", dpi=110, fps=10)
+
+
 def _load(directory: Path, trust: bool, changes: Mapping[str, int]) -> tuple[Policy, DictConfig, NavigationEnv]:
     policy = load(directory, trust=trust)
     cfg = load_config(directory)
@@ -133,10 +165,12 @@ def _load(directory: Path, trust: bool, changes: Mapping[str, int]) -> tuple[Pol
     return policy, cfg, make_base_env(cfg, num_envs=1)
 
 
-def _drive(policy: Policy, cfg: DictConfig, env: NavigationEnv, preferences: Tensor) -> Rollouts:
+def _drive(
+    policy: Policy, cfg: DictConfig, env: NavigationEnv, preferences: Tensor, part: slice = slice(None)
+) -> Rollouts:
     return evaluate_policy(
         policy,
-        evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes),
+        evaluation_scenes(cfg.evaluation.episodes, seed=cfg.evaluation.seed, sampler=env.scenes)[part],
         preferences,
         world=env.world,
         objectives=env.rewards,
@@ -180,12 +214,18 @@ def main() -> None:
         metavar="SECOND:ROOM",
         help="with --contexts: the rooms on the way, as 0:hall",
     )
+    parser.add_argument("--animate", type=Path, metavar="FILE.gif", help="instead: the knob in motion in one scene")
+    parser.add_argument("--scene", type=int, default=0, help="with --animate: which of the evaluation scenes")
     args = parser.parse_args()
     if (args.contexts is None) != (args.route is None):
         parser.error("--contexts and --route go together")
     changes = {name: getattr(args, name) for name in ("episodes", "steps", "seed") if getattr(args, name) is not None}
     with one_sentence_errors():
         set_threads(args.threads)
+        if args.animate is not None:
+            animate_run(args.run, args.animate, args.scene, trust=args.trust, **changes)
+            print(f"The animation is in {args.animate}")
+            return
         if args.contexts is not None:
             evaluate_route(args.run, args.contexts, dict(args.route), args.output, args.trust, **changes)
             rooms = pd.read_csv((args.output or args.run / "evaluation") / "rooms.csv")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 from matplotlib.animation import FuncAnimation
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -38,7 +39,7 @@ def animate_rollouts(
         robot_radius: in metres.
 
     Returns:
-        An animation; save it with ``animation.save("drive.gif", writer="pillow")``.
+        An animation; save it with ``animation.save("drive.gif", writer="pillow")``. Up to nine preferences are named.
 
     Raises:
         ValueError: if the names do not fit the preferences, or the scene is out of range.
@@ -62,11 +63,15 @@ def animate_rollouts(
     draw_scene(axes, rollouts.scene[0, scene], human_radius, robot_radius)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     corners = objective_colours(objectives)
-    names = [Line2D([], [], color=colour, lw=3, label=name) for name, colour in zip(objectives, corners, strict=True)]
-    figure.legend(handles=names, loc="outside upper center", ncols=len(names), frameon=False, fontsize=9)
+    preferences = rollouts.preference[:, scene].numpy()
+    colours = blend(preferences, corners)
+    named = zip(objectives, corners, strict=True)
+    if len(preferences) <= 9:
+        named = zip((_words(weights, objectives) for weights in preferences), colours, strict=True)
+    handles = [Line2D([], [], color=colour, lw=3, label=name) for name, colour in named]
+    figure.legend(handles=handles, loc="outside upper center", ncols=min(3, len(handles)), frameon=False, fontsize=9)
 
     pose = rollouts.pose[:, scene].numpy()
-    colours = blend(rollouts.preference[:, scene].numpy(), corners)
     robots = [axes.add_patch(Circle((0, 0), robot_radius, color=colour, alpha=0.9, zorder=7)) for colour in colours]
     trails = [axes.plot([], [], color=colour, lw=1.7, alpha=0.7, zorder=3)[0] for colour in colours]
 
@@ -80,3 +85,9 @@ def animate_rollouts(
     figure.set_layout_engine("none")  # laid out once, not for every frame
     last = pose.shape[1] - 1
     return FuncAnimation(figure, draw, [*range(0, last, stride), last], interval=1000 * stride * step_time)
+
+
+def _words(weights: np.ndarray, objectives: Sequence[str]) -> str:
+    """A preference in words, without the objectives that have no weight."""
+    parts = [(name, weight) for name, weight in zip(objectives, weights, strict=True) if weight > 0.005]
+    return parts[0][0] if len(parts) == 1 else ", ".join(f"{name} {weight:.2g}" for name, weight in parts)

@@ -67,8 +67,11 @@ def set_threads(number: int) -> None:
 
 
 @contextmanager
-def one_sentence_errors() -> Iterator[None]:
+def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
     """Turn a user's mistake into one sentence on standard error and exit status 1.
+
+    Args:
+        own_classes: let a config name classes from the present folder.
 
     A reader that has seen enough, as ``head``, ends the command without a word.
 
@@ -77,6 +80,8 @@ def one_sentence_errors() -> Iterator[None]:
     Traceback (most recent call last):
     SystemExit: Seeds must not be negative.
     """
+    if own_classes:
+        sys.path.insert(0, os.getcwd())
     try:
         try:
             yield

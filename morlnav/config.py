@@ -185,7 +185,9 @@ def check(node: Any, where: str = "", live: Collection[str] = (), kind: Any = An
     signature.check_kind(kind, where)
     for name, value in node.items():
         if name not in SPECIAL:
-            signature.take(name, value, where, lambda child, key, hint=signature.hint(name): check(child, key, live, hint))
+            signature.take(
+                name, value, where, lambda child, key, hint=signature.hint(name): check(child, key, live, hint)
+            )
     missing = [name for name in signature.required if name not in node and name not in live]
     if missing and not node.get("_partial_"):
         raise ValueError(f"{_join(where, missing[0])} is missing; {signature.name} needs it.")
@@ -215,7 +217,9 @@ class _Signature:
         except Exception as error:
             raise ValueError(f"{_join(where, '_target_')}: there is no {name} ({_cause(error)}).") from error
         if not callable(target):
-            raise ValueError(f"{_join(where, '_target_')}: {name} is a {type(target).__name__}, which cannot be called.")
+            raise ValueError(
+                f"{_join(where, '_target_')}: {name} is a {type(target).__name__}, which cannot be called."
+            )
         return cls(name, target)
 
     def hint(self, name: str) -> Any:
@@ -248,7 +252,9 @@ class _Signature:
         if not any(issubclass(made, cls) for cls in wanted if cls is not collections.abc.Callable) and not (
             collections.abc.Callable in wanted and "__call__" in dir(made)
         ):
-            raise ValueError(f"{_join(where, '_target_')} must make {describe(kind)}, but {self.name} makes a {made.__name__}.")
+            raise ValueError(
+                f"{_join(where, '_target_')} must make {describe(kind)}, but {self.name} makes a {made.__name__}."
+            )
 
     def call(self, where: str, *args: Any, **arguments: Any) -> Any:
         missing = [name for name in self.required[len(args) :] if name not in arguments]

@@ -49,7 +49,9 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
     set_threads(threads)
     checkpoint = None if resume is None else _checkpoint_of(Path(resume))
     training = make_training(config)
-    with tempfile.TemporaryDirectory() as scratch:  # all that constructors refuse, before anything is learned or written
+    with (
+        tempfile.TemporaryDirectory() as scratch
+    ):  # all that constructors refuse, before anything is learned or written
         training.rehearse(Path(scratch))
     with reserved(directory):
         trainer = _begin(cfg, training, directory, checkpoint)

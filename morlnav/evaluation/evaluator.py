@@ -59,7 +59,12 @@ class Evaluation:
                 f"Needed are episodes >= 1, steps >= 1 and 0 <= seed < 2**31, got {episodes}, {steps} and {seed}."
             )
         self.episodes, self.steps, self.seed = episodes, steps, seed
-        self.make_env, self.rewards, self.num_objectives, self.max_steps = make_env, tuple(rewards), num_objectives, max_steps
+        self.make_env, self.rewards, self.num_objectives, self.max_steps = (
+            make_env,
+            tuple(rewards),
+            num_objectives,
+            max_steps,
+        )
         self.scalarisation = scalarisation
         self.reference = read_reference(reference, self.rewards, reference_from_bounds(reward_bounds, max_steps))
 
@@ -108,6 +113,20 @@ class Evaluation:
 
             plot_front(table).savefig(directory / "front.png", dpi=150)
         return table
+
+    def show(self, output: Path, directory: Path) -> None:
+        """Print in a terminal what :meth:`report` wrote to ``output``, for the run in ``directory``."""
+        from morlnav.record.console import make_console, print_table
+
+        table, console = pd.read_csv(output / "front.csv"), make_console()
+        shown = [name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]
+        print_table(table[shown].rename(columns=lambda name: name.removeprefix("lambda_").replace("_", " ")), console)
+        console.print(describe_front(table))
+
+    @staticmethod
+    def utility(output: Path) -> float:
+        """The expected utility that :meth:`report` wrote to ``output``."""
+        return float(pd.read_csv(output / "front.csv")["expected_utility"].iloc[0])
 
     def returns(
         self, policy: nn.Module, preferences: Tensor, episodes: int, seed: int, gamma: Tensor | float = 1.0

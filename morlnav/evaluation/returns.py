@@ -52,7 +52,12 @@ def discounted_returns(
 
 
 def _returns(
-    env: EnvBase, policy: TensorDictModuleBase, preference: Tensor, max_steps: int, gamma: Tensor | float, seed: int | None
+    env: EnvBase,
+    policy: TensorDictModuleBase,
+    preference: Tensor,
+    max_steps: int,
+    gamma: Tensor | float,
+    seed: int | None,
 ) -> Tensor:
     if seed is not None:
         env.set_seed(seed)
@@ -70,5 +75,7 @@ def _returns(
     done = following["done"]
     running = done.cumsum(1) - done.long() == 0  # the step that ends an episode is part of it
     reward = following["reward"]
-    discounts = torch.as_tensor(gamma, device=reward.device) ** torch.arange(done.shape[1], device=reward.device)[:, None]
+    discounts = (
+        torch.as_tensor(gamma, device=reward.device) ** torch.arange(done.shape[1], device=reward.device)[:, None]
+    )
     return (reward * running * discounts).sum(1)

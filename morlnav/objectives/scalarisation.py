@@ -70,7 +70,9 @@ class LinearScalarisation(nn.Module):
         return torch.cat([ones, self.scale * preference + self.tie_break], -1)
 
 
-def by_name(value: float | Sequence[float] | Mapping[str, float], names: Sequence[str], key: str) -> float | list[float]:
+def by_name(
+    value: float | Sequence[float] | Mapping[str, float], names: Sequence[str], key: str
+) -> float | list[float]:
     """A number, or one for each of ``names``; from a mapping, ``default`` serves the names that it lacks.
 
     Raises:

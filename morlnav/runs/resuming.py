@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +11,11 @@ from hydra import compose, initialize_config_dir
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
-from hydra.utils import get_object
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from morlnav.cli import conf_dir
-from morlnav.modules import load_reward
-from morlnav.policy import HARMLESS
-from morlnav.trainers.styles import demonstrated_objectives, style_config
+from morlnav.runs.trust import foreign_targets, targets
 
-BUILT_IN_TRAINING = (*HARMLESS, "morlnav.data.", "morlnav.objectives.", "morlnav.transforms.", "torch.optim.")
-LIBRARY = ("torchrl.collectors.Collector", "torchrl.data.PrioritizedSampler", "torchrl.data.RandomSampler")
 IN_HYDRA = ("callbacks", "job_logging", "hydra_logging", "launcher", "sweeper", "job.env_set", "job.chdir")
 TRUST = "if it is your own, add trust=true to the command line"
 
@@ -126,55 +121,28 @@ def _check(words: Sequence[str], typed: Sequence[str], directory: Path) -> None:
             raise ValueError(f"This run changes hydra.{part}; {TRUST}.")
     OmegaConf.set_struct(cfg, False)
     del cfg["hydra"]
-    check_training(cfg)
+    for resolve in (False, True):
+        check_training(OmegaConf.to_container(cfg, resolve=resolve))
 
 
-def check_training(cfg: DictConfig) -> None:
+def check_training(config: Mapping[str, Any]) -> None:
     """Refuse a config from which training would build anything from outside this package, but for known classes.
 
     Raises:
         ValueError: naming it, and how to trust it.
 
     Examples:
-        >>> check_training(OmegaConf.create({"objectives": {"calm": {"_target_": "shutil.copyfile"}}}))
+        >>> check_training({"objectives": {"calm": {"_target_": "shutil.copyfile"}}})
         Traceback (most recent call last):
         ValueError: This run uses the foreign shutil.copyfile; if it is your own, add trust=true to the command line.
     """
-    for target in _targets(OmegaConf.to_container(cfg, resolve=False)):
-        if "${" in target:  # it could turn into another one later
-            raise ValueError(f"This run makes up the name of a class by {target}; {TRUST}.")
-    for view in (cfg, *(style_config(cfg, name) for name in demonstrated_objectives(cfg))):
-        for target in _targets(OmegaConf.to_container(view, resolve=True)):
-            if not _is_known(target):
-                raise ValueError(f"This run uses the foreign {target}; {TRUST}.")
+    if made_up := [target for target in targets(config) if "${" in target]:  # it could turn into another one later
+        raise ValueError(f"This run makes up the name of a class by {made_up[0]}; {TRUST}.")
+    if foreign := foreign_targets(config):
+        raise ValueError(f"This run uses the foreign {foreign[0]}; {TRUST}.")
     # Other backends and options of the compiler may name programs.
-    if OmegaConf.select(cfg, "collector.backend") not in (None, "direct", "process"):
-        raise ValueError(f"This run collects by the backend {cfg.collector.backend}; {TRUST}.")
-    if OmegaConf.select(cfg, "trainer.compile.options") is not None:
-        raise ValueError(f"This run sets trainer.compile.options; {TRUST}.")
-
-
-def _targets(node: object) -> Iterator[str]:
-    if isinstance(node, dict):
-        if "_target_" in node:
-            yield str(node["_target_"])
-        for child in node.values():
-            yield from _targets(child)
-    elif isinstance(node, list):
-        for child in node:
-            yield from _targets(child)
-
-
-def _is_known(path: str) -> bool:
-    """Whether ``path`` names a part of a training that does nothing but its work; the path alone does not tell."""
-    if path in LIBRARY:
-        return True
-    if not path.startswith(("morlnav.", "torch.optim.")):
-        return False
-    try:
-        target = get_object(path)
-    except (ImportError, AttributeError, ValueError):
-        return False
-    if target is load_reward or path in ("morlnav.data.record_demonstrations", "morlnav.data.recorded_demonstrations"):
-        return True
-    return isinstance(target, type) and target.__module__.startswith(BUILT_IN_TRAINING)
+    backend, options = (config.get(name) or {} for name in ("collector", "compile"))
+    if backend.get("backend") not in (None, "direct", "process"):
+        raise ValueError(f"This run collects by the backend {backend['backend']}; {TRUST}.")
+    if options.get("options") is not None:
+        raise ValueError(f"This run sets compile.options; {TRUST}.")

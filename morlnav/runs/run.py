@@ -7,16 +7,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-from yaml import YAMLError
-
 from morlnav.config import build, plain
 from morlnav.deployment import Policy, load
 from morlnav.evaluation import Evaluation
+from morlnav.runs.config import load_config
 from morlnav.runs.trust import foreign_targets
 from morlnav.trainers import LearnedReward, Training
 
-CONFIG_FILE = "config.yaml"
 OF_THE_COMMAND = ("_recursive_", "threads", "resume", "trust")
 """Keys of a config that say how to train, and not what."""
 
@@ -43,7 +40,7 @@ class Run:
 
     def __init__(self, directory: Path, trust: bool = False, changes: Mapping[str, Any] | None = None) -> None:
         self.directory, self.trust = directory, trust
-        self.config = load_config(directory)
+        self.config = readable(load_config(directory), directory)
         if not trust and (foreign := foreign_targets(self.config)):
             raise ValueError(
                 f"This run uses the foreign {foreign[0]}; if it is your own, trust it (--trust, or trust=True)."
@@ -71,32 +68,17 @@ class Run:
         return self.training.make_evaluation(self.learned)
 
 
-def load_config(directory: str | Path) -> dict[str, Any]:
-    """The config of a run, for use on the CPU wherever it was trained.
+def readable(config: dict[str, Any], directory: Path) -> dict[str, Any]:
+    """The config of a run that this version made, for use on the CPU wherever it was trained.
 
     Raises:
-        FileNotFoundError: if the directory holds no run.
-        ValueError: if its config is damaged, or older than this version.
-
-    Examples:
-        >>> load_config("results/default")["seed"]
-        0
+        ValueError: if it is older, or holds what a run does not.
     """
-    path = Path(directory) / CONFIG_FILE
-    if not path.is_file():
-        raise FileNotFoundError(f"{directory} is not a run directory: it holds no {CONFIG_FILE}.")
-    try:
-        config = OmegaConf.load(path)
-        text = path.read_text(encoding="utf-8")
-    except (YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is damaged: it is no YAML.") from error
-    if not OmegaConf.is_dict(config):
-        raise ValueError(f"{path} is damaged: it maps no keys to values.")
-    if "${" in text:  # runs are saved resolved, and a resolver could make up a class
-        raise ValueError(f"The config of a run holds no interpolation, but {path} does.")
+    if "${" in str(config):  # runs are saved resolved, and a resolver could make up a class
+        raise ValueError(f"The config of a run holds no interpolation, but that of {directory} does.")
     if "_target_" not in config:
         raise ValueError(f"{directory} was made by morlnav 0.1; this version reads runs since 0.2, so train it again.")
-    return plain(config) | {"device": "cpu"}
+    return config | {"device": "cpu"}
 
 
 def make_training(config: Mapping[str, Any]) -> Training:

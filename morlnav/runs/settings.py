@@ -6,10 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from morlnav.analysis import flat_settings
-from morlnav.policy import CONFIG_FILE, POLICY_FILE, load_config
+from morlnav.deployment.policy import POLICY_FILE
+from morlnav.runs.config import CONFIG_FILE, load_config
 
 NO_RESULT_DEPENDS_ON = ("cache", "trainer.progress_bar")
 
@@ -20,8 +21,7 @@ def changed_settings(cfg: DictConfig, directory: Path, counts: Callable[[str], b
     Args:
         cfg: the config.
         directory: of the run.
-        counts: which keys to compare; what no result depends on never counts, nor where a reward lies, for a run may
-            be moved.
+        counts: which keys to compare; what no result depends on never counts.
 
     Examples:
         >>> import tempfile
@@ -30,14 +30,11 @@ def changed_settings(cfg: DictConfig, directory: Path, counts: Callable[[str], b
         >>> changed_settings(OmegaConf.create({"seed": 5, "cache": "there"}), run)
         ['seed: 0 then, 5 now']
     """
-    began, now = flat_settings(OmegaConf.load(directory / CONFIG_FILE), directory), flat_settings(cfg, directory)
+    began, now = flat_settings(load_config(directory), directory), flat_settings(cfg, directory)
     return [
         f"{key}: {began.get(key, 'nothing')} then, {now.get(key, 'nothing')} now"
         for key in dict.fromkeys([*now, *began])
-        if began.get(key, "nothing") != now.get(key, "nothing")
-        and key not in NO_RESULT_DEPENDS_ON
-        and not key.endswith(".reward.path")
-        and counts(key)
+        if began.get(key, "nothing") != now.get(key, "nothing") and key not in NO_RESULT_DEPENDS_ON and counts(key)
     ]
 
 

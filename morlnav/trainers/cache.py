@@ -79,9 +79,7 @@ class Cache:
                     remark("from the cache")
                 yield path, path.exists()
 
-    def keep(
-        self, name: str, make: Callable[[], T], save: Callable[[T, Path], None], load: Callable[[Path], T]
-    ) -> T:
+    def keep(self, name: str, make: Callable[[], T], save: Callable[[T, Path], None], load: Callable[[Path], T]) -> T:
         """The result of a stage, made or loaded."""
         with self._stage(name) as (path, done):
             if done:

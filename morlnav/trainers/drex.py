@@ -313,7 +313,11 @@ class DREX:
         return {name: self._restore(name, place(directory, name)) for name in self.demonstrations}
 
     def _restore(self, name: str, directory: Path) -> LearnedReward:
-        policy, file, origin = self.demonstrations[name].policy, directory / REWARD_FILE, self.stages[name].origin("ranking")
+        policy, file, origin = (
+            self.demonstrations[name].policy,
+            directory / REWARD_FILE,
+            self.stages[name].origin("ranking"),
+        )
         if origin is not None and read_facts(file).get("origin") != origin:
             raise ValueError(f"{file} was learned by another config than that of this run.")
         clone = load_module(directory / CLONE_FILE)

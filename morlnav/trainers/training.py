@@ -146,13 +146,14 @@ class Training:
 
     def learn_rewards(self, directory: Path | None = None, logger: Logger | None = None) -> dict[str, LearnedReward]:
         """Learn what is to be learned from demonstrations, by the name of the objective; see :class:`DREX`."""
-        return {} if self.rewards is None else self._pipeline().learn(directory, logger)
+        return {} if self.rewards is None else self.pipeline().learn(directory, logger)
 
     def restore_rewards(self, directory: Path) -> dict[str, LearnedReward]:
         """The rewards that a run directory holds."""
-        return {} if self.rewards is None else self._pipeline().restore(directory)
+        return {} if self.rewards is None else self.pipeline().restore(directory)
 
-    def _pipeline(self) -> DREX:
+    def pipeline(self) -> DREX:
+        """What learns rewards from demonstrations."""
         on_cpu = copy.copy(self)
         on_cpu.device = "cpu"  # its networks are small
         live = live_objects(on_cpu.make_env({}, num_envs=1).eval()) | {"seed": self.seed}
@@ -230,13 +231,13 @@ class Training:
             ValueError: for whatever a constructor refuses.
         """
         state = torch.get_rng_state()
-        learned = {} if self.rewards is None else self._pipeline().untrained()
+        learned = {} if self.rewards is None else self.pipeline().untrained()
         brief = copy.copy(self)
         if num_workers(self.collector):  # workers cost seconds
             share_of(num_workers(self.collector), self.base_env().batch_size.numel())
-            brief.collector = Part({"_target_": "torchrl.collectors.Collector", "backend": "direct"}, "collector").replace(
-                frames_per_batch=setting(self.collector, "frames_per_batch")
-            )
+            brief.collector = Part(
+                {"_target_": "torchrl.collectors.Collector", "backend": "direct"}, "collector"
+            ).replace(frames_per_batch=setting(self.collector, "frames_per_batch"))
         trainer = brief.make_trainer(directory, learned, self.make_logger(directory))
         trainer.collector.shutdown()
         torch.set_rng_state(state)
@@ -268,7 +269,11 @@ class Training:
         return supply(self.replay, **live, generator=generator)
 
     def _make_loss(
-        self, live: Mapping[str, Any], policy: TensorDictModule, critics: list[nn.Module], clones: Mapping[str, nn.Module]
+        self,
+        live: Mapping[str, Any],
+        policy: TensorDictModule,
+        critics: list[nn.Module],
+        clones: Mapping[str, nn.Module],
     ) -> MORLTD3Loss:
         own = {id(parameter): parameter for parameter in policy.parameters()}
         keys = ["observation", "preference", "action"]
@@ -284,7 +289,11 @@ class Training:
             },
         )
         dtype = product_dtype(self.products, torch.device(self.device))
-        for module in (loss.actor_network, loss.qvalue_network, loss.terms):  # losses hide their networks from modules()
+        for module in (
+            loss.actor_network,
+            loss.qvalue_network,
+            loss.terms,
+        ):  # losses hide their networks from modules()
             round_products(module, dtype)
         if self.compile is not None:
             _compile(loss, self.compile)

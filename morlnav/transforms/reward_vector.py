@@ -60,9 +60,13 @@ class RewardVector:
         if bounds is None:
             space = spec.space if isinstance(spec, Bounded) else None
             ends = [torch.full((size,), -torch.inf), torch.full((size,), torch.inf)]
-            bounds = torch.stack(ends if space is None else [e.reshape(-1, size)[0].cpu() for e in (space.low, space.high)])
+            bounds = torch.stack(
+                ends if space is None else [e.reshape(-1, size)[0].cpu() for e in (space.low, space.high)]
+            )
         if len(names) != size or bounds.shape != (2, size):
-            raise ValueError(f"The environment pays {size} rewards, but names {len(names)} and bounds {bounds.shape[-1]}.")
+            raise ValueError(
+                f"The environment pays {size} rewards, but names {len(names)} and bounds {bounds.shape[-1]}."
+            )
         vector = cls(names, getattr(base, "num_static", 0), bounds)
         for transform in env.transform if isinstance(env, TransformedEnv) else ():
             if isinstance(transform, DemonstrationReward) and transform.insert:
@@ -73,6 +77,4 @@ class RewardVector:
         entry = transform.entry
         names = (*self.names[:entry], transform.name, *self.names[entry:])
         own = torch.tensor(transform.bounds()).unsqueeze(1).to(self.bounds)
-        return RewardVector(
-            names, self.num_static, torch.cat([self.bounds[:, :entry], own, self.bounds[:, entry:]], 1)
-        )
+        return RewardVector(names, self.num_static, torch.cat([self.bounds[:, :entry], own, self.bounds[:, entry:]], 1))

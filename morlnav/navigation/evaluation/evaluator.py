@@ -17,10 +17,12 @@ from morlnav.navigation.envs import NavigationEnv, Objective, Transition
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
 from morlnav.navigation.evaluation.references import reference_paths
-from morlnav.navigation.evaluation.report import write_report
+from morlnav.navigation.evaluation.report import sentences, write_report
 from morlnav.navigation.evaluation.rollout import Rollouts, evaluate_policy, evaluation_scenes
-from morlnav.navigation.evaluation.statistics import RATES, metric_columns, summarise
+from morlnav.navigation.evaluation.statistics import RATES, metric_columns, overall, summarise
 from morlnav.navigation.world import Scene
+from morlnav.record.console import make_console
+from morlnav.trainers.drex import place
 from morlnav.transforms import DemonstrationReward
 
 
@@ -99,7 +101,9 @@ class NavigationEvaluation(Evaluation):
 
     def scenes(self, episodes: int | None = None, seed: int | None = None) -> Scene:
         """Held-out scenes."""
-        return evaluation_scenes(episodes or self.episodes, seed=self.seed if seed is None else seed, sampler=self.env.scenes)
+        return evaluation_scenes(
+            episodes or self.episodes, seed=self.seed if seed is None else seed, sampler=self.env.scenes
+        )
 
     def references(self, scenes: Scene) -> dict[str, list[Tensor]]:
         """Each demonstrator's path in each scene, where it can drive there."""
@@ -124,11 +128,11 @@ class NavigationEvaluation(Evaluation):
         scenes, shortest, references = self._fixed(episodes)
         preferences = simplex_grid(self.num_objectives, steps)
         rollouts = self.drive(policy, scenes, preferences)
-        frame = episode_metrics(
-            rollouts, self.rewards, world=self.env.world, references=references, shortest=shortest
-        )
+        frame = episode_metrics(rollouts, self.rewards, world=self.env.world, references=references, shortest=shortest)
         metrics = frame[[name for names in RATES.values() for name in names]].mean().to_dict()
-        metrics["expected_utility"] = expected_utility(rollouts.reward.sum(2).mean(1).cpu(), preferences, self.scalarisation)
+        metrics["expected_utility"] = expected_utility(
+            rollouts.reward.sum(2).mean(1).cpu(), preferences, self.scalarisation
+        )
         summary = summarise(frame, resamples=2)  # its means alone are wanted
         for preference, row in zip(preferences, summary.to_dict("records"), strict=True):
             label = preference_label(self.objectives, preference.tolist())
@@ -160,6 +164,26 @@ class NavigationEvaluation(Evaluation):
             references=self.references(scenes),
             reference_point=self.reference,
         )
+
+    def show(self, output: Path, directory: Path) -> None:
+        """See :meth:`Evaluation.show`."""
+        from morlnav.navigation.record.tables import audit_line, print_summary
+
+        episodes, summary, faithful, front = (
+            pd.read_csv(output / f"{name}.csv") for name in ("episodes", "summary", "fidelity", "front")
+        )
+        console, demonstrated = make_console(), list(self.demonstrators)
+        print_summary(summary, overall(episodes, resamples=2), demonstrated=demonstrated, console=console)
+        audits = [audit_line(place(directory, name) / "audit", name) for name in demonstrated]
+        for line in [*sentences(summary, faithful, front), *filter(None, audits)]:
+            console.print(line)
+        console.print(f"All rows and columns are in {output / 'table.md'}", soft_wrap=True)
+
+    def show_rooms(self, file: Path) -> None:
+        """Print in a terminal how the policy drives in several rooms."""
+        from morlnav.navigation.record.tables import print_summary
+
+        print_summary(pd.read_csv(file), label="room", demonstrated=list(self.demonstrators))
 
 
 def reward_terms(env: EnvBase) -> dict[str, Objective]:

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from morlnav.navigation.evaluation.metrics import frechet_column
 from morlnav.navigation.evaluation.report import cells, column
+from morlnav.record.console import make_console
 
 COLUMNS = (
     *("SR", "CR", "TR", "navigation_time", "min_human_distance", "frechet", "human_on_right", "spl"),
@@ -23,15 +24,6 @@ COLUMNS = (
 
 OF_DEMO = ("frechet", "frechet_free", "human_on_right")
 """Columns that say how near a path is to the demonstration of the objective ``demo``."""
-
-
-def make_console() -> Console:
-    """Writes to the standard output, in a notebook too: plain text that wraps at words.
-
-    >>> make_console().print("Ready.")
-    Ready.
-    """
-    return Console(force_jupyter=False, highlight=False, markup=False, emoji=False)
 
 
 def print_summary(

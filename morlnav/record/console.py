@@ -1,0 +1,39 @@
+"""What is printed in a terminal."""
+
+from __future__ import annotations
+
+import pandas as pd
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+
+def make_console() -> Console:
+    """Writes to the standard output, in a notebook too: plain text that wraps at words.
+
+    >>> make_console().print("Ready.")
+    Ready.
+    """
+    return Console(force_jupyter=False, highlight=False, markup=False, emoji=False)
+
+
+def print_table(table: pd.DataFrame, console: Console) -> None:
+    """Print numbers as an aligned table, with as many columns as there is room for.
+
+    >>> print_table(pd.DataFrame({"speed": [1.0, 0.5], "utility": [20.0, 18.25]}), make_console())
+    <BLANKLINE>
+     speed   utility
+    ─────────────────
+         1        20
+       0.5     18.25
+    <BLANKLINE>
+    """
+    for count in range(table.shape[1], 0, -1):
+        shown = Table(box=box.SIMPLE_HEAD)
+        for name in list(table)[:count]:
+            shown.add_column(name, justify="right")
+        for row in table.itertuples(index=False):
+            shown.add_row(*(f"{value:.4g}" for value in row[:count]))
+        if console.measure(shown, options=console.options.update(width=1000)).maximum <= console.width:
+            break
+    console.print(shown)

@@ -8,6 +8,7 @@ from torchrl.data import PrioritizedSampler
 from torchrl.modules import AdditiveGaussianModule
 
 from morlnav import data
+from morlnav.modules.networks import StackableLinear
 from morlnav.navigation.world import DifferentialDrive, PymunkWorld, Scene
 from morlnav.objectives import ClampedAngleTerm
 from morlnav.trainers.checkpoint import load_checkpoint
@@ -17,6 +18,7 @@ BRIEF = (
     "collector.init_random_frames=16",
     "hooks.evaluate.interval=16",
     "hooks.fit_interpolator.interval=16",
+    "transforms.time_limit.max_steps=20",
 )
 CLAMPED = "loss.terms.angle={_target_: morlnav.objectives.ClampedAngleTerm, actor: 10.0, critic: 1.0, degrees: true}"
 
@@ -25,9 +27,10 @@ def latest(directory):
     return CheckpointRotation(directory / "checkpoints", keep_last=1).latest()
 
 
-def train_briefly(directory, *overrides):
+def train_briefly(directory, *overrides, look=lambda trainer: None):
     """Two batches, the second with optimisation steps; returns the trainer and the losses it reported."""
     trainer = trainer_for(configure(*BRIEF, *overrides), directory)
+    look(trainer)  # while its environment is there
     losses = []
     trainer.register_op("post_optim_complete_log", lambda _, values: losses.append(values.clone()))
     trainer.train()
@@ -59,8 +62,21 @@ def test_a_compiled_loss_learns_the_same(tmp_path):
     ("batches", "overrides"),
     [
         (2, []),  # while actions are still random
-        (11, ["transforms.time_limit.max_steps=5"]),  # episodes end and begin anew; the actor's delayed update is pending
-        (5, ["world=pymunk", "env.num_envs=4", "collector.frames_per_batch=8", CLAMPED, *BRIEF, "trainer.total_frames=64"]),
+        (
+            11,
+            ["transforms.time_limit.max_steps=5"],
+        ),  # episodes end and begin anew; the actor's delayed update is pending
+        (
+            5,
+            [
+                "world=pymunk",
+                "env.num_envs=4",
+                "collector.frames_per_batch=8",
+                CLAMPED,
+                *BRIEF,
+                "trainer.total_frames=64",
+            ],
+        ),
         (4, ["replay.storage.max_size=64"]),  # the buffer is just full
         (
             7,  # and more than full
@@ -107,6 +123,11 @@ def samplers_of(trainer):
     return {type(transform.sampler) for transform in transforms if hasattr(transform, "sampler")}
 
 
+def product_dtypes_of(trainer):
+    """In which types the layers of the actor multiply while it learns."""
+    return {layer.dtype for layer in trainer.loss_module.actor_network.modules() if isinstance(layer, StackableLinear)}
+
+
 @pytest.mark.parametrize(
     ("words", "is_used"),
     [
@@ -116,8 +137,8 @@ def samplers_of(trainer):
         ("preferences=segments", lambda trainer: samplers_of(trainer) == {data.SegmentedPreferences}),
         ("preferences=grid", lambda trainer: samplers_of(trainer) == {data.GridPreferences}),
         (
-            "preferences=fixed preferences.value=[0.25,0.75]",
-            lambda trainer: (trainer.replay_buffer.sample()["preference"] == torch.tensor([0.25, 0.75])).all(),
+            "preferences=fixed preferences.value=[0.5,0.5]",
+            lambda trainer: samplers_of(trainer) == {data.FixedPreferences},
         ),
         ("loss.terms.angle=null", lambda trainer: list(trainer.loss_module.terms) == ["proposals"]),
         (CLAMPED, lambda trainer: isinstance(trainer.loss_module.terms["angle"], ClampedAngleTerm)),
@@ -129,14 +150,19 @@ def samplers_of(trainer):
         ("transforms.returns=null", lambda trainer: "episode_reward" not in trainer.collector.env.reset()),
         ("hooks.log_episodes=null", lambda trainer: "log_episodes" not in trainer._modules),
         ("stepper.schedule=null", lambda trainer: trainer.optimization_stepper.schedulers == {}),
-        ("products=bfloat16", lambda trainer: "bfloat16" in str(trainer.loss_module.actor_network)),
+        ("products=bfloat16", lambda trainer: torch.bfloat16 in product_dtypes_of(trainer)),
+        ("products=float32", lambda trainer: product_dtypes_of(trainer) == {None, torch.float32}),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_the_part_that_a_word_names_is_used(words, is_used, tmp_path):
-    split = [words] if words == CLAMPED else words.split()
-    cfg = configure(*BRIEF, *split)
-    assert is_used(train_briefly(tmp_path, *split)[0] if "log_episodes" not in words else trainer_for(cfg, tmp_path))
+    used = []
+    train_briefly(
+        tmp_path,
+        *([words] if words == CLAMPED else words.split()),
+        look=lambda trainer: used.append(is_used(trainer)),
+    )
+    assert used == [True]
 
 
 def test_without_relabelling_what_was_collected_is_sampled(tmp_path):
@@ -147,7 +173,12 @@ def test_without_relabelling_what_was_collected_is_sampled(tmp_path):
 
 @pytest.mark.parametrize("recipe", ["analytical", "paper"])
 def test_a_recipe_is_one_word(recipe, tmp_path):
-    words = ["trainer=smoke", "trainer.total_frames=12", "collector.init_random_frames=6", "replay.storage.max_size=1000"]
+    words = [
+        "trainer=smoke",
+        "trainer.total_frames=12",
+        "collector.init_random_frames=6",
+        "replay.storage.max_size=1000",
+    ]
     trainer, _ = train_briefly(tmp_path, f"recipe={recipe}", *(words if recipe == "paper" else []))
     assert isinstance(trainer.loss_module.terms["angle"], ClampedAngleTerm) == (recipe == "paper")
 
@@ -265,7 +296,9 @@ def test_learning_rates_fall_to_their_end_with_the_last_update(tmp_path):
     cfg = configure("trainer.total_frames=128", "collector.init_random_frames=0", "stepper.schedule.end=0.1")
     trainer = trainer_for(cfg, tmp_path)
     trainer.train()
-    rates = {name: optimizer.param_groups[0]["lr"] for name, optimizer in trainer.optimization_stepper.optimizers.items()}
+    rates = {
+        name: optimizer.param_groups[0]["lr"] for name, optimizer in trainer.optimization_stepper.optimizers.items()
+    }
     began = {"actor": cfg.stepper.optimizer_actor.lr, "critic": cfg.stepper.optimizer_critic.lr}
     assert rates == pytest.approx({name: 0.1 * rate for name, rate in began.items()})
 

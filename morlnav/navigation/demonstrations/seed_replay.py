@@ -35,7 +35,9 @@ class SeedReplay(TrainerHookBase):
     ) -> None:
         if not evaluation.env.observe_human:
             raise ValueError("Demonstrations can be replayed with env.observe_human=true only: rewards need the human.")
-        self.demonstrations = [reward.demonstrations for reward in learned.values() if reward.demonstrations is not None]
+        self.demonstrations = [
+            reward.demonstrations for reward in learned.values() if reward.demonstrations is not None
+        ]
         self.sampler, self.terms, self.device = sampler, evaluation.terms, evaluation.env.device
 
     def register(self, trainer: Trainer, name: str = "seed_replay") -> None:

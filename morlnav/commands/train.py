@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
 
@@ -33,6 +34,9 @@ from morlnav.runs.settings import Settings
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.workers import watched
+
+SENTENCES = "MORLNAV_SENTENCES"
+"""Set in the environment of this process and its workers where errors are to be one sentence, without a traceback."""
 
 
 def run(cfg: DictConfig, directory: Path) -> Run | None:
@@ -155,7 +159,9 @@ def _keep_versions(path: Path, resumed: bool) -> None:
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
-    finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
+    # Here too, for Hydra would add a line of its own to an error that leaves this function.
+    with one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
+        finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too
     return finished.evaluation.utility(finished.directory / "evaluation")  # what a sweeper may maximise
@@ -168,7 +174,8 @@ def main() -> None:
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     if "HYDRA_FULL_ERROR" in os.environ:  # a developer wants the traceback
         return _run_words()
-    with env_override({"HYDRA_FULL_ERROR": "1"}), one_sentence_errors():  # errors reach us instead of Hydra's report
+    # Errors reach us instead of Hydra's report.
+    with env_override({"HYDRA_FULL_ERROR": "1", SENTENCES: "1"}), one_sentence_errors():
         _run_words()
 
 

@@ -239,7 +239,9 @@ def test_only_the_rows_that_the_replay_holds_are_written(smoke_run):
 
 def test_a_smaller_replay_than_the_checkpoints_is_refused(checkpoints, tmp_path):
     trainer = trainer_for(configure("replay.storage.max_size=256"), tmp_path / "resumed")
-    with pytest.raises(CheckpointError, match=r"holds 512 transitions; expected a replay\.storage\.max_size of at least"):
+    with pytest.raises(
+        CheckpointError, match=r"holds 512 transitions; expected a replay\.storage\.max_size of at least"
+    ):
         load_checkpoint(trainer, checkpoints[1])
 
 

@@ -84,7 +84,9 @@ def test_environments_must_divide_among_workers(tmp_path):
 
 
 def test_the_workers_segments_are_the_whole_preference_space():
-    training = make_training(configure("collector=processes", "env.num_envs=4", "preferences=segments"))
+    training = make_training(
+        configure("collector=processes", "env.num_envs=4", "preferences=segments", "preferences.segments=4")
+    )
     make_env = partial(training.make_env, {})
     envs = [_make_workers_env(make_env, share=2, worker=worker, seed=worker) for worker in range(2)]
     first = torch.cat([env.reset()["preference"][:, 0] for env in envs])

@@ -62,14 +62,20 @@ def test_every_stage_is_cached_by_its_config(demonstration_run):
     _, directory = demonstration_run
     names = {path.name.partition("-")[0] for path in (directory / "cache").iterdir()}
     assert names == {"demonstrations", "clone", "ranking", "audit"}
-    first, second = (again(directory, *words).pipeline().stages["demo"] for words in ([], ["rewards.ranking.snippet=9"]))
+    first, second = (
+        again(directory, *words).pipeline().stages["demo"] for words in ([], ["rewards.ranking.snippet=9"])
+    )
     changed = [name for name in first.config if first.digest(name) != second.digest(name)]
     assert changed == ["ranking", "audit"]
 
 
 def test_what_is_paid_and_to_how_many_leaves_the_cache_alone(demonstration_run):
     _, directory = demonstration_run
-    words = ["env.num_envs=8", "env.inflation=0.03", "+env.objectives.calm={_target_: morlnav.navigation.envs.Efficiency}"]
+    words = [
+        "env.num_envs=8",
+        "env.inflation=0.03",
+        "+env.objectives.calm={_target_: morlnav.navigation.envs.Efficiency}",
+    ]
     digests = [again(directory, *more).pipeline().stages["demo"].digest("audit") for more in ([], words)]
     assert digests[0] == digests[1]
     assert digests[0] != again(directory, "env.scenes.num_boxes=1").pipeline().stages["demo"].digest("audit")

@@ -131,8 +131,8 @@ def _unknown_key(key: str) -> str:
     node = OmegaConf.select(cfg, parent, throw_on_missing=False) if parent else cfg
     if not OmegaConf.is_dict(node):
         return f"There is no {key} in the config, for there is no {parent} that could hold it."
-    where = f"in {parent}" if parent else "in the config"
-    return f"There is no {name} {where}; choose from: {', '.join(map(str, node))} (or add it as +{key}=VALUE)."
+    where, keys = f"in {parent}" if parent else "in the config", [key for key in map(str, node) if key[0] != "_"]
+    return f"There is no {name} {where}; choose from: {', '.join(keys)} (or add it as +{key}=VALUE)."
 
 
 def duration(seconds: float) -> str:

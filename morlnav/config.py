@@ -10,13 +10,14 @@ import collections.abc
 import difflib
 import inspect
 import math
+import re
 import types
 import typing
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Generic, TypeVar
 
 from hydra.utils import get_object
-from omegaconf import OmegaConf
+from omegaconf import MissingMandatoryValue, OmegaConf
 from torch import nn
 
 T = TypeVar("T")
@@ -116,10 +117,18 @@ def supply(part: Part[T] | Callable[..., T], **live: Any) -> T:
 def plain(node: Any) -> Any:
     """A config as dicts and lists, with every interpolation resolved.
 
+    Raises:
+        ValueError: if a value is missing.
+
     >>> plain(OmegaConf.create({"a": 1, "b": "${a}"}))
     {'a': 1, 'b': 1}
     """
-    return OmegaConf.to_container(node, resolve=True, throw_on_missing=True) if OmegaConf.is_config(node) else node
+    if not OmegaConf.is_config(node):
+        return node
+    try:
+        return OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    except MissingMandatoryValue as error:
+        raise ValueError(f"{error.full_key} is missing; it has no default.") from error
 
 
 def build(node: Any, where: str = "", /, **live: Any) -> Any:
@@ -263,7 +272,7 @@ class _Signature:
         try:
             return self.target(*args, **arguments)
         except (TypeError, ValueError) as error:
-            if not where or where in str(error):
+            if not where or re.match(rf"{re.escape(where)}\b", str(error)):  # a child of it was named
                 raise ValueError(str(error)) from error
             raise ValueError(f"{where}: {error}") from error
 

@@ -195,7 +195,7 @@ class Training:
         loss = self._make_loss(live, policy, critics, {name: reward.clone for name, reward in learned.items()})
         batches = max(1, math.ceil(setting(self.trainer, "total_frames") / self._frames_per_batch(env)))
         noise = self._make_exploration(live, batches).to(env.device)
-        updates = batches * setting(self.trainer, "optim_steps_per_batch")
+        updates = max(1, batches * setting(self.trainer, "optim_steps_per_batch"))
         stepper = supply(self.stepper, **live, loss=loss, actor=actor, total_updates=updates)
         collector = make_collector(  # last, for an error after it would leave its workers behind
             self.collector, make_env, TensorDictSequential(policy, noise), env=env, seed=self.seed, device=self.device
@@ -301,13 +301,16 @@ class Training:
 
     def _make_exploration(self, live: Mapping[str, Any], batches: int) -> nn.Module:
         space = live["action_spec"].space
-        return supply(
-            self.exploration,
-            **live,
-            spec=live["action_spec"],  # of one environment: workers hold different numbers of them
-            std=((space.high - space.low) / 2).tolist(),
-            annealing_num_steps=batches,
-        )
+        try:
+            return supply(
+                self.exploration,
+                **live,
+                spec=live["action_spec"],  # of one environment: workers hold different numbers of them
+                std=((space.high - space.low) / 2).tolist(),
+                annealing_num_steps=batches,
+            )
+        except RuntimeError as error:  # TorchRL's, where noise would grow
+            raise ValueError(f"exploration: {error}.") from error
 
     def _frames_per_batch(self, env: EnvBase) -> int:
         frames, side_by_side = setting(self.collector, "frames_per_batch"), env.batch_size.numel()

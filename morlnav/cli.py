@@ -21,6 +21,9 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torchrl.checkpoint import CheckpointError
 
+MOST_THREADS = 1024
+"""With a million, OpenMP ends the process without a word."""
+
 
 def conf_dir() -> str:
     """The folder of configs: inside the installed package, or beside it in a checkout.
@@ -59,10 +62,10 @@ def set_threads(number: int) -> None:
     """Let PyTorch compute with so many threads.
 
     Raises:
-        ValueError: for less than one.
+        ValueError: for less than one, or more than any machine can start.
     """
-    if number < 1:
-        raise ValueError(f"PyTorch needs at least one thread, got threads={number}.")
+    if not 1 <= number <= MOST_THREADS:
+        raise ValueError(f"threads must be from 1 to {MOST_THREADS}, got {number}.")
     torch.set_num_threads(number)
 
 

@@ -44,6 +44,8 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the run, or ``None`` if interrupted."""
     config = plain(cfg)
     threads, resume = config.pop("threads"), config.pop("resume")
+    for name, value, kind in (("threads", threads, int), ("resume", resume, str | None), ("trust", cfg.trust, bool)):
+        check(value, name, kind=kind)
     check({name: value for name, value in config.items() if name not in OF_THE_COMMAND})
     keep_freed_memory()
     set_threads(threads)

@@ -103,6 +103,8 @@ class Training:
         self.hooks = {name: part for name, part in (self.hooks or {}).items() if part is not None}
         if not 0 <= seed < 2**31:
             raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, got {seed}.")
+        if device.startswith("meta"):
+            raise ValueError(f"device={device} holds no numbers; name one that computes, such as cpu or cuda.")
         try:
             torch.empty(0, device=device)
         except (RuntimeError, AssertionError) as error:  # PyTorch raises the latter where it was built without CUDA

@@ -11,12 +11,14 @@ import functools
 import importlib
 import inspect
 import math
+import re
 import typing
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
 from hydra.utils import get_object
 from omegaconf import OmegaConf
+from omegaconf.errors import MissingMandatoryValue
 
 from morlnav.annotations import describe, fits, held_by, is_kind, makes, members
 
@@ -122,7 +124,12 @@ def plain(node: Any) -> Any:
     >>> plain(OmegaConf.create({"a": 1, "b": "${a}"}))
     {'a': 1, 'b': 1}
     """
-    return OmegaConf.to_container(node, resolve=True, throw_on_missing=True) if OmegaConf.is_config(node) else node
+    if not OmegaConf.is_config(node):
+        return node
+    try:
+        return OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
+    except MissingMandatoryValue as error:
+        raise ConfigError(f"{error.full_key} is missing; give it as {error.full_key}=VALUE.") from error
 
 
 def build(node: Any, where: str = "", /, **live: Any) -> Any:
@@ -276,7 +283,7 @@ class _Signature:
             message = _first_line(error)
             if not isinstance(error, TypeError | ValueError):
                 message = f"{type(error).__name__}: {message}"
-            separator = "." if message.split()[0] in self.parameters else ": "
+            separator = "." if re.split(r"[^\w]", message)[0] in self.parameters else ": "
             raise ConfigError(f"{where}{separator}{message}" if where else message) from error
 
 
@@ -324,7 +331,9 @@ def _is_node(value: Any) -> bool:
 def _shown(value: Any) -> str:
     if value is None:
         return "null"
-    return f"the node of {value['_target_']}" if _is_node(value) else repr(value)
+    if isinstance(value, dict):
+        return f"the node of {value['_target_']}" if _is_node(value) else "a mapping without _target_"
+    return repr(value)
 
 
 def _cause(error: BaseException) -> str:

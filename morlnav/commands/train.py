@@ -22,7 +22,7 @@ from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
 
 from morlnav import deployment
-from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, set_threads
+from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, refuse_repeated_choices, set_threads
 from morlnav.config import check, plain, setting
 from morlnav.record.progress import stage
 from morlnav.runs import CONFIG_FILE, Run, make_training
@@ -173,6 +173,7 @@ def _keep_words(folder: Path, composed: str) -> None:
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
+    refuse_repeated_choices(HydraConfig.get().overrides.task)
     finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too

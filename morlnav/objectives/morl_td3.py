@@ -55,7 +55,7 @@ class MORLTD3Loss(VectorActorCriticLoss):
 
     Raises:
         ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, ``pessimism``
-            outside [0, 1], more critics for the actor than there are, a list of other than ``num_qvalue_nets``
+            outside [0, 1], negative noise, no critic, more critics for the actor than there are, a list of other than ``num_qvalue_nets``
             different critics, or a least reward above the largest.
         TypeError: for a term that is no ``LossTerm``.
 
@@ -108,6 +108,10 @@ class MORLTD3Loss(VectorActorCriticLoss):
             raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
         if not 0 <= pessimism <= 1:
             raise ValueError(f"pessimism must be between 0 and 1, got {pessimism}.")
+        if num_qvalue_nets < 1:
+            raise ValueError(f"num_qvalue_nets must be at least 1, got {num_qvalue_nets}.")
+        if policy_noise < 0 or noise_clip < 0:
+            raise ValueError(f"policy_noise and noise_clip must not be negative, got {policy_noise} and {noise_clip}.")
         if not 1 <= actor_qvalue_nets <= num_qvalue_nets:
             raise ValueError(f"actor_qvalue_nets must be between 1 and {num_qvalue_nets}, got {actor_qvalue_nets}.")
         terms = {name: term for name, term in (terms or {}).items() if term is not None}

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from morlnav.runs.config import CONFIG_FILE, load_config
@@ -220,10 +220,9 @@ def _chosen(run: Path) -> dict[str, str]:
     return groups | {key: value for key, _, value in words if key != "resume"}
 
 
-def flat_settings(cfg: DictConfig | dict[str, Any], run: Path, resolve: bool = True) -> dict[str, object]:
+def flat_settings(config: Mapping[str, Any], run: Path) -> dict[str, object]:
     """The config values of a run by their dotted names; where and how it went on is no setting, nor is its place."""
-    settings = OmegaConf.to_container(cfg, resolve=resolve) if OmegaConf.is_config(cfg) else cfg
-    flat = pd.json_normalize(settings).to_dict("records")[0]
+    flat = pd.json_normalize(dict(config)).to_dict("records")[0]
     for key in ("resume", "trust"):
         flat.pop(key, None)
     own = f"{run}{os.sep}"

@@ -17,7 +17,7 @@ import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import env_override
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
 
@@ -25,16 +25,11 @@ from morlnav import deployment
 from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, refuse_repeated_choices, set_threads
 from morlnav.config import check, plain, setting
 from morlnav.record.progress import stage
-from morlnav.runs import CONFIG_FILE, Run, make_training
+from morlnav.runs import Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
 from morlnav.runs.resuming import resumed_words
 from morlnav.runs.run import OF_THE_COMMAND
-from morlnav.runs.settings import (
-    refuse_another_run,
-    refuse_new_defaults,
-    refuse_to_change_a_finished_run,
-    refuse_what_does_not_fit,
-)
+from morlnav.runs.settings import Settings
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.workers import watched
@@ -55,44 +50,43 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
         tempfile.TemporaryDirectory() as scratch
     ):  # all that constructors refuse, before anything is learned or written
         training.rehearse(Path(scratch))
+    settings = Settings(cfg, directory)
     with reserved(directory):
-        trainer = _begin(cfg, training, directory, checkpoint)
+        trainer = _begin(settings, training) if checkpoint is None else _continue(settings, training, checkpoint)
+        _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
+        settings.save()
         return _train(training, trainer, directory)
 
 
-def _begin(cfg: DictConfig, training: Training, directory: Path, checkpoint: Path | None) -> Trainer:
-    """A trainer at its start, or where a checkpoint left it; nothing is written until a resumed one is there."""
+def _begin(settings: Settings, training: Training) -> Trainer:
+    """A trainer at its start, with the rewards that are learned first."""
+    settings.refuse_another_run()
+    directory, logger = settings.directory, training.make_logger(settings.directory)
     torch.manual_seed(training.seed)
-    if checkpoint is None:
-        refuse_another_run(cfg, directory)
-        logger = training.make_logger(directory)
-        trainer = training.make_trainer(directory, training.learn_rewards(directory, logger), logger)
-    else:
-        if (directory / CONFIG_FILE).is_file():
-            refuse_new_defaults(cfg, directory)
-        trainer = training.make_trainer(directory, training.restore_rewards(directory))
-        _continue(trainer, cfg, directory, checkpoint)
-        trainer.logger = training.make_logger(directory)
+    trainer = training.make_trainer(directory, training.learn_rewards(directory, logger), logger)
     remove_leftovers(directory)
-    _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
-    OmegaConf.save(cfg, directory / CONFIG_FILE, resolve=True)
-    _keep_words(directory / ".hydra", OmegaConf.to_yaml(cfg))
     return trainer
 
 
-def _continue(trainer: Trainer, cfg: DictConfig, directory: Path, checkpoint: Path) -> None:
+def _continue(settings: Settings, training: Training, checkpoint: Path) -> Trainer:
+    """A trainer where a checkpoint left it; nothing is written until it is there."""
+    settings.refuse_new_defaults()
+    trainer = training.make_trainer(settings.directory, training.restore_rewards(settings.directory))
     try:
         checkpoint = load_checkpoint(trainer, checkpoint)
-        if trainer.collected_frames >= trainer.total_frames and (directory / CONFIG_FILE).is_file():
-            refuse_to_change_a_finished_run(cfg, directory)
+        if trainer.collected_frames >= trainer.total_frames:
+            settings.refuse_to_change_a_finished_run()
     except BaseException as error:
         trainer.collector.shutdown()  # or its workers would stay
-        if isinstance(error, CheckpointError) and (directory / CONFIG_FILE).is_file():
-            refuse_what_does_not_fit(cfg, directory, error)
+        if isinstance(error, CheckpointError):
+            settings.refuse_what_does_not_fit(error)
         raise
     print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
     if trainer.progress_bar:
         trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
+    remove_leftovers(settings.directory)
+    trainer.logger = training.make_logger(settings.directory)
+    return trainer
 
 
 def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
@@ -159,16 +153,6 @@ def _keep_versions(path: Path, resumed: bool) -> None:
         if now != (later or [versions])[-1]:
             later.append(now)
     path.write_text(json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
-
-
-def _keep_words(folder: Path, composed: str) -> None:
-    """What Hydra writes before a run has begun, written once it has; only if Hydra was told to leave that to us."""
-    if not HydraConfig.initialized() or HydraConfig.get().output_subdir is not None:
-        return
-    folder.mkdir(exist_ok=True)
-    (folder / "config.yaml").write_text(composed)
-    (folder / "hydra.yaml").write_text(OmegaConf.to_yaml(OmegaConf.create({"hydra": HydraConfig.get()})))
-    (folder / "overrides.yaml").write_text(OmegaConf.to_yaml(HydraConfig.get().overrides.task))
 
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")

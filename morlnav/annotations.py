@@ -96,21 +96,18 @@ def makes(target: Callable[..., Any], returns: Any, hint: Any) -> str | None:
     ('dict', None)
     """
     made = target if inspect.isclass(target) else typing.get_origin(returns) or returns
-    if not inspect.isclass(made) or made is Any:
+    if not inspect.isclass(made) or any(_may_be(made, member) for member in members(hint)):
         return None
-    for member in members(hint):
-        kind = typing.get_origin(member) or member
-        if not inspect.isclass(kind) or kind in (Any, object) or issubclass(made, kind if not _called(kind) else ()):
-            return None
-        if _called(kind) and (callable(getattr(made, "__call__", None)) and "__call__" in dir(made)):
-            return None
-        if getattr(kind, "_is_protocol", False) and "__call__" not in vars(kind):
-            return None
     return made.__name__
 
 
-def _called(kind: type) -> bool:
-    return kind is collections.abc.Callable or (getattr(kind, "_is_protocol", False) and "__call__" in vars(kind))
+def _may_be(made: type, hint: Any) -> bool:
+    kind = typing.get_origin(hint) or hint
+    if not inspect.isclass(kind) or Any in (kind, made):
+        return True
+    if getattr(kind, "_is_protocol", False):
+        return "__call__" not in vars(kind) or issubclass(made, collections.abc.Callable)
+    return issubclass(made, kind)
 
 
 def describe(hint: Any) -> str:
@@ -135,5 +132,13 @@ def _describe_one(hint: Any) -> str:
         return f"a list{number}" + (f" (each {describe(inner[0])})" if inner and inner[0] is not Any else "")
     if getattr(kind, "is_lazy", False):
         return describe(inner[0]) if inner else "a node with a _target_"
-    name = getattr(kind, "__name__", str(kind))
+    return with_article(getattr(kind, "__name__", str(kind)))
+
+
+def with_article(name: str) -> str:
+    """A noun with its article.
+
+    >>> with_article("Actor"), with_article("Linear")
+    ('an Actor', 'a Linear')
+    """
     return f"a{'n' if name[0] in 'AEIOU' else ''} {name}"

@@ -106,8 +106,6 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
     except MissingConfigException as error:
         sys.exit(_unknown_choice(str(error.missing_cfg_file), error.options))
     except ConfigCompositionException as error:
-        if "Config group override must be" in str(error):
-            sys.exit(_no_choice(sys.argv[1:]))
         key = re.search(r"Could not override '(.+?)'", str(error))
         sys.exit(_unknown_key(key[1]) if key else _first_line(error))
     except (
@@ -117,7 +115,8 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
         OmegaConfBaseException,
         HydraException,
     ) as error:
-        sys.exit(_first_line(error))
+        no_choice = str(error).startswith("Config group override must be")
+        sys.exit(_no_choice(sys.argv[1:]) if no_choice else _first_line(error))
 
 
 def _nobody_reads() -> bool:
@@ -159,9 +158,9 @@ def refuse_repeated_choices(words: Sequence[str]) -> None:
     """
     for word in OverridesParser.create().parse_overrides(list(words)):
         choices = word.value()
-        if (Path(conf_dir()) / word.key_or_group).is_dir() and isinstance(choices, list):
-            if repeated := [choice for choice in choices if choices.count(choice) > 1]:
-                raise ValueError(f"{word.key_or_group} names {repeated[0]} twice.")
+        chosen = choices if isinstance(choices, list) and _choices(word.key_or_group) else []
+        if repeated := [choice for choice in chosen if chosen.count(choice) > 1]:
+            raise ValueError(f"{word.key_or_group} names {repeated[0]} twice.")
 
 
 def _unknown_key(key: str) -> str:

@@ -20,7 +20,7 @@ from hydra.utils import get_object
 from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
-from morlnav.annotations import describe, fits, held_by, is_kind, makes, members
+from morlnav.annotations import describe, fits, held_by, is_kind, makes, members, with_article
 
 T = TypeVar("T")
 SPECIAL = ("_target_", "_partial_", "_convert_", "_recursive_")
@@ -211,11 +211,13 @@ class _Walk:
     def _node(self, node: dict[str, Any], where: str, hint: Any) -> Any:
         lazy = [member for member in members(hint) if is_kind(member, Part)]
         if lazy:
-            check(node, where, _EVERYTHING, (*typing.get_args(lazy[0]), Any)[0])
+            _Walk(_EVERYTHING, self.root, call=False)(node, where, (*typing.get_args(lazy[0]), Any)[0])
             return Part(node, where)
         part, partial = _Signature.of(Part(node, where)), bool(node.get("_partial_"))
         if not partial and (made := makes(part.target, part.hints.get("return"), hint)):
-            raise ConfigError(f"{_join(where, '_target_')} must make {describe(hint)}, but {part.name} makes a {made}.")
+            raise ConfigError(
+                f"{_join(where, '_target_')} must make {describe(hint)}, but {part.name} makes {with_article(made)}."
+            )
         given = {name: self(value, _join(where, name), part.hint(name, where, self.root))
                  for name, value in node.items() if name not in SPECIAL}  # fmt: skip
         missing = [name for name in part.required if name not in given and name not in self.live]
@@ -304,7 +306,7 @@ def _hints(callee: Callable[..., Any]) -> dict[str, Any]:
         scope, found = getattr(inspect.unwrap(callee), "__globals__", {}), {}
         for name, annotation in getattr(callee, "__annotations__", {}).items():
             try:
-                found[name] = eval(annotation, scope) if isinstance(annotation, str) else annotation  # noqa: S307
+                found[name] = eval(annotation, scope) if isinstance(annotation, str) else annotation
             except Exception:
                 found[name] = Any
         return found

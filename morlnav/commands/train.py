@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
 
@@ -22,7 +23,15 @@ from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
 
 from morlnav import deployment
-from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, refuse_repeated_choices, set_threads
+from morlnav.cli import (
+    conf_dir,
+    duration,
+    keep_freed_memory,
+    one_sentence_errors,
+    quiet,
+    refuse_repeated_choices,
+    set_threads,
+)
 from morlnav.config import check, plain, setting
 from morlnav.record.progress import stage
 from morlnav.runs import Run, make_training
@@ -155,10 +164,15 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     path.write_text(json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
 
 
+_errors = nullcontext
+"""What turns errors of a job into one sentence, once :func:`main` has said so."""
+
+
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
-    refuse_repeated_choices(HydraConfig.get().overrides.task)
-    finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
+    with _errors():  # here, for Hydra would print a line of its own first
+        refuse_repeated_choices(HydraConfig.get().overrides.task)
+        finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too
     return finished.evaluation.utility(finished.directory / "evaluation")  # what a sweeper may maximise
@@ -171,6 +185,8 @@ def main() -> None:
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     if "HYDRA_FULL_ERROR" in os.environ:  # a developer wants the traceback
         return _run_words()
+    global _errors
+    _errors = one_sentence_errors
     with env_override({"HYDRA_FULL_ERROR": "1"}), one_sentence_errors():  # errors reach us instead of Hydra's report
         _run_words()
 

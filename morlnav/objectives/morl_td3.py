@@ -54,9 +54,9 @@ class MORLTD3Loss(VectorActorCriticLoss):
             overestimate.
 
     Raises:
-        ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, ``pessimism``
-            outside [0, 1], negative noise, no critic, more critics for the actor than there are, a list of other than ``num_qvalue_nets``
-            different critics, or a least reward above the largest.
+        ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, negative noise,
+            ``pessimism`` outside [0, 1], no critic, more critics for the actor than there are, or a list of other than
+            ``num_qvalue_nets`` different critics.
         TypeError: for a term that is no ``LossTerm``.
 
     Examples:
@@ -101,7 +101,7 @@ class MORLTD3Loss(VectorActorCriticLoss):
         loss_function: Literal["l2", "l1", "smooth_l1"] = "l2",
         pessimism: float = 0.5,
         scalarisation: nn.Module | None = None,
-        terms: Mapping[str, LossTerm] | None = None,
+        terms: Mapping[str, LossTerm | None] | None = None,
         return_bounds: nn.Module | None = None,
     ) -> None:
         if loss_function not in LOSS_FUNCTIONS:

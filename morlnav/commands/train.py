@@ -23,7 +23,15 @@ from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
 
 from morlnav import deployment
-from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, set_threads
+from morlnav.cli import (
+    conf_dir,
+    duration,
+    keep_freed_memory,
+    one_sentence_errors,
+    quiet,
+    refuse_repeated_choices,
+    set_threads,
+)
 from morlnav.config import check, plain, setting
 from morlnav.record.progress import stage
 from morlnav.runs import Run, make_training
@@ -43,6 +51,8 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the run, or ``None`` if interrupted."""
     config = plain(cfg)
     threads, resume = config.pop("threads"), config.pop("resume")
+    for name, value, kind in (("threads", threads, int), ("resume", resume, str | None), ("trust", cfg.trust, bool)):
+        check(value, name, kind=kind)
     check({name: value for name, value in config.items() if name not in OF_THE_COMMAND})
     keep_freed_memory()
     set_threads(threads)
@@ -161,6 +171,7 @@ def _keep_versions(path: Path, resumed: bool) -> None:
 def _main(cfg: DictConfig) -> float:
     # Here too, for Hydra would add a line of its own to an error that leaves this function.
     with one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
+        refuse_repeated_choices(HydraConfig.get().overrides.task)
         finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too

@@ -54,10 +54,11 @@ class Evaluation:
         scalarisation: nn.Module | None = None,
         max_steps: int = 1000,
     ) -> None:
-        if episodes < 1 or steps < 1 or not 0 <= seed < HELD_OUT:
-            raise ValueError(
-                f"Needed are episodes >= 1, steps >= 1 and 0 <= seed < 2**31, got {episodes}, {steps} and {seed}."
-            )
+        for name, value in {"episodes": episodes, "steps": steps}.items():
+            if value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}.")
+        if not 0 <= seed < HELD_OUT:
+            raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, got {seed}.")
         self.episodes, self.steps, self.seed = episodes, steps, seed
         self.make_env, self.rewards, self.num_objectives, self.max_steps = (
             make_env,

@@ -56,12 +56,12 @@ def read_reference(
     if isinstance(given, Mapping):
         unknown = [name for name in given if name not in rewards]
         if unknown:
-            raise ValueError(f"evaluation.reference names {unknown[0]}; the objectives are: {', '.join(rewards)}.")
+            raise ValueError(f"reference names {unknown[0]}; the objectives are: {', '.join(rewards)}.")
         values = [given.get(name, value) for name, value in zip(rewards, default.tolist(), strict=True)]
     numbers = isinstance(values, Sequence) and all(isinstance(value, (int, float)) for value in values)
     if not numbers or len(values) != len(rewards):
         raise ValueError(
-            f"evaluation.reference needs {len(rewards)} numbers, for {', '.join(rewards)}, or numbers by name; "
+            f"reference needs {len(rewards)} numbers, for {', '.join(rewards)}, or numbers by name; "
             f"got {given}."
         )
     return default.new_tensor(values)

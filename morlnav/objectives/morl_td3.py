@@ -54,9 +54,9 @@ class MORLTD3Loss(VectorActorCriticLoss):
             overestimate.
 
     Raises:
-        ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, ``pessimism``
-            outside [0, 1], more critics for the actor than there are, a list of other than ``num_qvalue_nets``
-            different critics, or a least reward above the largest.
+        ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, negative noise,
+            ``pessimism`` outside [0, 1], no critic, more critics for the actor than there are, or a list of other than
+            ``num_qvalue_nets`` different critics.
         TypeError: for a term that is no ``LossTerm``.
 
     Examples:
@@ -101,13 +101,17 @@ class MORLTD3Loss(VectorActorCriticLoss):
         loss_function: Literal["l2", "l1", "smooth_l1"] = "l2",
         pessimism: float = 0.5,
         scalarisation: nn.Module | None = None,
-        terms: Mapping[str, LossTerm] | None = None,
+        terms: Mapping[str, LossTerm | None] | None = None,
         return_bounds: nn.Module | None = None,
     ) -> None:
         if loss_function not in LOSS_FUNCTIONS:
             raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
         if not 0 <= pessimism <= 1:
             raise ValueError(f"pessimism must be between 0 and 1, got {pessimism}.")
+        if num_qvalue_nets < 1:
+            raise ValueError(f"num_qvalue_nets must be at least 1, got {num_qvalue_nets}.")
+        if policy_noise < 0 or noise_clip < 0:
+            raise ValueError(f"policy_noise and noise_clip must not be negative, got {policy_noise} and {noise_clip}.")
         if not 1 <= actor_qvalue_nets <= num_qvalue_nets:
             raise ValueError(f"actor_qvalue_nets must be between 1 and {num_qvalue_nets}, got {actor_qvalue_nets}.")
         terms = {name: term for name, term in (terms or {}).items() if term is not None}

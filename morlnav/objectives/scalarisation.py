@@ -84,7 +84,8 @@ def by_name(
     """
     if not isinstance(value, Mapping):
         return float(value) if isinstance(value, int | float) else list(value)
-    # A recipe may name more than a run has: objectives are chosen by config too.
+    if foreign := [name for name in value if name not in (*names, "default")]:
+        raise ValueError(f"{key} names {foreign[0]}, which is none of: {', '.join((*names, 'default'))}.")
     missing = [name for name in names if name not in value and "default" not in value]
     if missing:
         raise ValueError(f"{key} names no value for {', '.join(missing)}, and no default.")

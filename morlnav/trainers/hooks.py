@@ -84,7 +84,7 @@ class AnnealDiscount(TrainerHookBase):
         ends = by_name(end, rewards, "end")
         self.ends = ends if isinstance(ends, list) else [ends]
         if not all(0 <= start <= value <= 1 for value in self.ends):
-            raise ValueError(f"Discounts need 0 <= start <= end <= 1, got start={start} and end={end}.")
+            raise ValueError(f"start and end must be discounts, 0 <= start <= end <= 1, got {start} and {end}.")
         if len(self.ends) not in (1, len(rewards)):
             raise ValueError(f"end needs one discount, or one for each of {', '.join(rewards)}; got {len(self.ends)}.")
         if not 0 <= fraction <= 1:
@@ -297,8 +297,9 @@ class EvaluatePolicy(PeriodicHook):
         policy: torch.nn.Module,
     ) -> None:
         super().__init__(interval)
-        if episodes < 1 or steps < 1:
-            raise ValueError(f"episodes and steps must be at least 1, got {episodes} and {steps}.")
+        for name, value in {"episodes": episodes, "steps": steps}.items():
+            if value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}.")
         self.episodes, self.steps, self.evaluation, self.policy = episodes, steps, evaluation, policy
 
     def __call__(self, batch: Any = None) -> None:

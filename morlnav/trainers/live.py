@@ -40,6 +40,6 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
         "action_low": low.tolist(),
         "action_high": high.tolist(),
         "size": env.observation_spec["observation"].shape[-1],
-        **({"max_steps": limits[0].max_steps} if limits else {}),
+        **({"max_steps": limits[0].max_steps} if limits and limits[0].max_steps else {}),
         **getattr(base, "live", {}),
     }

@@ -103,6 +103,8 @@ class Training:
         self.hooks = {name: part for name, part in (self.hooks or {}).items() if part is not None}
         if not 0 <= seed < 2**31:
             raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, got {seed}.")
+        if device.startswith("meta"):
+            raise ValueError(f"device={device} holds no numbers; name one that computes, such as cpu or cuda.")
         try:
             torch.empty(0, device=device)
         except (RuntimeError, AssertionError) as error:  # PyTorch raises the latter where it was built without CUDA
@@ -140,6 +142,8 @@ class Training:
         live["sampler"] = supply(self.preferences, **live)
         for part in self.transforms.values():
             env.append_transform(supply(part, **live))
+        if "preference" not in env.observation_spec.keys(True):
+            raise ValueError("transforms must draw a preference, as morlnav.transforms.DrawPreference does.")
         return env.to(self.device)
 
     # Learning from demonstrations
@@ -195,7 +199,7 @@ class Training:
         loss = self._make_loss(live, policy, critics, {name: reward.clone for name, reward in learned.items()})
         batches = max(1, math.ceil(setting(self.trainer, "total_frames") / self._frames_per_batch(env)))
         noise = self._make_exploration(live, batches).to(env.device)
-        updates = batches * setting(self.trainer, "optim_steps_per_batch")
+        updates = max(1, batches * setting(self.trainer, "optim_steps_per_batch"))
         stepper = supply(self.stepper, **live, loss=loss, actor=actor, total_updates=updates)
         collector = make_collector(  # last, for an error after it would leave its workers behind
             self.collector, make_env, TensorDictSequential(policy, noise), env=env, seed=self.seed, device=self.device
@@ -316,6 +320,8 @@ class Training:
                 f"collector.frames_per_batch ({frames}) must be a multiple of the {side_by_side} environments "
                 f"(env.num_envs)."
             )
+        if (random := setting(self.collector, "init_random_frames")) is not None and random < 0:
+            raise ValueError(f"collector.init_random_frames must not be negative, got {random}.")
         return frames
 
 

@@ -66,6 +66,8 @@ class RecordedPolicy(NavigationDemonstrations):
         disturbance: pushes the robot; ``None`` leaves it alone.
         settings: of :class:`NavigationDemonstrations`.
 
+    Raises:
+        ValueError: if the policy is faster than the robot.
     """
 
     def __init__(
@@ -81,6 +83,9 @@ class RecordedPolicy(NavigationDemonstrations):
         num_envs: int = 256,
     ) -> None:
         super().__init__(world, scenes, observe_human, max_steps, seed, num_envs)
+        speed, limit = getattr(policy, "speed", 0.0), world.robot.max_speed
+        if speed > limit:
+            raise ValueError(f"policy.speed must be at most the robot's {limit} m/s, got {speed}.")
         self.policy, self.disturbance = policy, disturbance
 
     def collect(self, num: int) -> TensorDict:

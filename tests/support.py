@@ -41,3 +41,34 @@ def trainer_for(cfg, directory, learned=None):
     """The seeded trainer of a config, with the rewards that were learned for it."""
     training = make_training(cfg)
     return training.make_trainer(directory, learned, training.make_logger(directory))
+
+
+def learned(trainer):
+    """Everything that a trainer has learned or will learn from, as nested dictionaries."""
+    hooks = ("log_episodes", "log_optimisation", "fit_interpolator", "evaluate")
+    return {
+        "loss": trainer.loss_module.state_dict(),
+        "average": trainer.checkpoint.components["average"].state_dict(),
+        "stepper": trainer.optimization_stepper.state_dict(),
+        "hooks": {name: trainer._modules[name].state_dict() for name in hooks},
+        "replay": trainer.replay_buffer.storage[:].to_dict(),
+        "gamma": trainer.loss_module.value_estimator.gamma,
+        "frames": trainer.collected_frames,
+        "random state": torch.get_rng_state(),
+    }
+
+
+def assert_identical(ours, theirs, name=""):
+    """Equal in every bit, however deeply nested."""
+    if isinstance(ours, dict):
+        assert ours.keys() == theirs.keys(), name
+        for key in ours:
+            assert_identical(ours[key], theirs[key], f"{name}.{key}")
+    elif isinstance(ours, list | tuple):
+        assert len(ours) == len(theirs), name
+        for i, pair in enumerate(zip(ours, theirs, strict=True)):
+            assert_identical(*pair, f"{name}[{i}]")
+    elif isinstance(ours, torch.Tensor):
+        torch.testing.assert_close(ours, theirs, rtol=0, atol=0, equal_nan=True, msg=lambda text: f"{name}: {text}")
+    else:
+        assert ours == theirs, name

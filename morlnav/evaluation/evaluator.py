@@ -14,7 +14,7 @@ from morlnav.data.simplex import preference_edges, simplex_grid
 from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
 from morlnav.evaluation.labels import preference_label
 from morlnav.evaluation.pareto import expected_utility
-from morlnav.evaluation.returns import discounted_returns
+from morlnav.evaluation.returns import discounted_returns, eval_env
 
 HELD_OUT = 2**31
 """Episodes of an evaluation are seeded from here on, those of a training below it."""
@@ -141,7 +141,7 @@ class Evaluation:
             seed: of the episodes.
             gamma: discount, one for all or one per entry of the reward ``[m]``.
         """
-        env = self.make_env(num_envs=episodes).eval()
+        env = eval_env(self.make_env(num_envs=episodes))
         driver = TensorDictModule(policy, ["observation", "preference"], ["action"])
         try:
             return discounted_returns(env, driver, preferences, self.max_steps, gamma, HELD_OUT + seed).cpu()

@@ -25,7 +25,7 @@ from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, 
 
 from morlnav.config import Part, as_part, build, setting, supply, takes
 from morlnav.data import PreferenceSampler
-from morlnav.evaluation import Evaluation
+from morlnav.evaluation import Evaluation, eval_env
 from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.collectors import make_collector, num_workers, share_of
@@ -129,7 +129,7 @@ class Training:
     def make_env(
         self, rewards: Mapping[str, Transform], num_envs: int | None = None, seed: int | None = None, first: int = 0
     ) -> TransformedEnv:
-        """An environment to learn in; after ``eval()`` one to measure in.
+        """An environment to learn in; after :func:`~morlnav.evaluation.eval_env` one to measure in.
 
         Args:
             rewards: learned ones, by the name of their objective.
@@ -160,8 +160,8 @@ class Training:
         """What learns rewards from demonstrations."""
         on_cpu = copy.copy(self)
         on_cpu.device = "cpu"  # its networks are small
-        live = live_objects(on_cpu.make_env({}, num_envs=1).eval()) | {"seed": self.seed}
-        live["make_env"] = lambda **settings: on_cpu.base_env(**settings).eval()
+        live = live_objects(eval_env(on_cpu.make_env({}, num_envs=1))) | {"seed": self.seed}
+        live["make_env"] = lambda **settings: eval_env(on_cpu.base_env(**settings))
         live |= {"cache": self.cache, "progress_bar": setting(self.trainer, "progress_bar")}
         if isinstance(self.env, Part) and isinstance(self.rewards, Part):  # what is paid, and to how many, is no matter
             unrelated = ("objectives", "num_envs", "inflation")
@@ -216,7 +216,7 @@ class Training:
             components={"average": stepper.average, **rollout},
         )
         live |= {"policy": stepper.average.module, "loss": loss, "exploration": noise, "trainer": trainer}
-        live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned)}
+        live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned), "learned": learned}
         StopDivergence().register(trainer)  # before all that looks at what was learned
         for name, part in self.hooks.items():
             supply(part, **live).register(trainer, name)

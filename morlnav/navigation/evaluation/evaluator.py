@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase, TransformedEnv
 
 from morlnav.data import simplex_grid
-from morlnav.evaluation import Evaluation, expected_utility, preference_label
+from morlnav.evaluation import Evaluation, eval_env, expected_utility, preference_label
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
@@ -84,7 +84,7 @@ class NavigationEvaluation(Evaluation):
 
     @cached_property
     def _transformed(self) -> TransformedEnv:
-        return self.make_env(num_envs=1).eval()
+        return eval_env(self.make_env(num_envs=1))
 
     def drive(self, policy: nn.Module, scenes: Scene, preferences: Tensor) -> Rollouts:
         """Episodes ``[P, S]`` of a policy under preferences ``[P, n]``, or schedules ``[P, T, n]``, in scenes ``[S]``."""

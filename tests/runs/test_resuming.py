@@ -11,17 +11,24 @@ import time
 import pytest
 import yaml
 from omegaconf import OmegaConf
-from support import ANALYTICAL, BRIEF, SMALL, configure
+from support import ANALYTICAL, BRIEF, DEMONSTRATED, SMALL, configure
 
 import morlnav
-import morlnav.train
-from morlnav.evaluate import evaluate_run
+from morlnav.commands.evaluate import evaluate_run
+from morlnav.commands.train import main, run
 from morlnav.modules import read_facts
-from morlnav.train import run
-from morlnav.trainers.run_directory import reserved
+from morlnav.runs import Run
+from morlnav.runs.directory import reserved
 
-TINY = ("trainer.total_frames=64", "trainer.random_frames=32", "trainer.checkpoint.interval=32", "threads=1")
-WORDS = (*SMALL, ANALYTICAL, *TINY, "evaluation.episodes=2", "evaluation.steps=1", "evaluation.during.interval=64")
+TINY = (
+    "trainer.total_frames=64",
+    "trainer.checkpoint_interval=32",
+    "collector.init_random_frames=32",
+    "hooks.evaluate.interval=64",
+    "hooks.fit_interpolator.interval=64",
+    "transforms.time_limit.max_steps=50",
+)
+WORDS = (*SMALL, ANALYTICAL, *TINY, "evaluation.episodes=2", "evaluation.steps=1")
 
 
 def contents(directory):
@@ -40,7 +47,7 @@ def made(tmp_path_factory):
         patch.setenv("HYDRA_FULL_ERROR", "")
         patch.delenv("HYDRA_FULL_ERROR")
         patch.syspath_prepend(directory.parent)
-        morlnav.train.main()
+        main()
     return directory
 
 
@@ -62,11 +69,12 @@ def begun_with(run, *words):
 @pytest.mark.parametrize(
     ("word", "sentence"),
     [
-        ("networks.actor.num_cells=8", r"not load with other settings \(networks\.actor\.num_cells: 32 then, 8 now\)"),
-        ("seed=5", r"the run has finished, and other settings \(seed: 0 then, 5 now; .*\) would change nothing"),
-        ("~loss.search", r"not load with other settings \(loss\.search\..* nothing now"),
+        ("actor.num_cells=8", r"not load with other settings \(actor\.num_cells: 32 then, 8 now\)"),
+        ("seed=5", r"the run has finished, and other settings \(seed: 0 then, 5 now\) would change nothing"),
+        ("loss.num_qvalue_nets=3", r"not load with other settings \(loss\.num_qvalue_nets: 2 then, 3 now\)"),
         ("trainer.batchsize=3", "There is no batchsize in trainer"),
-        ("trainer.frames_per_batch=100", "must be a multiple of env.num_envs"),
+        ("+trainer.batchsize=3", r"trainer\.batchsize is no argument of"),
+        ("collector.frames_per_batch=100", r"must be a multiple of the 16 environments"),
         ("device=nowhere", "device=nowhere cannot be used"),
         ("-m", "continues one run; leave out -m"),
     ],
@@ -80,8 +88,9 @@ def test_a_refused_resume_changes_no_byte(word, sentence, finished, train_comman
 
 def test_after_a_refusal_a_finished_run_is_evaluated_and_resumed(finished, train_command, capsys):
     with pytest.raises(SystemExit):
-        train_command(f"resume={finished}", "networks.actor.num_cells=8")
-    assert "2 scenes" in evaluate_run(finished, finished / "again")
+        train_command(f"resume={finished}", "actor.num_cells=8")
+    evaluate_run(Run(finished), finished / "again")
+    assert "2 scenes" in (finished / "again" / "table.md").read_text()
     train_command(f"resume={finished}")
     assert "at 64 of 64 frames" in capsys.readouterr().out
 
@@ -111,21 +120,23 @@ def test_where_no_run_can_be_resumed_nothing_is_written(kept, finished, train_co
 @pytest.mark.parametrize(
     "word",
     [
-        "+objectives.evil={_target_: shutil.copyfile, src: bait, dst: stolen}",
-        "+objectives.evil={_target_: my_evil.Evil}",
-        "objectives.baseline.terms=[{_target_: my_evil.Evil}]",
-        "+clone.actor.evil={_target_: morlnav.resuming.Path, _args_: [stolen]}",
-        "+objectives.evil=\"${oc.decode:'{_target_: my_evil.Evil}'}\"",
-        "+name=my_evil.Evil networks.features._target_=${name}",
-        "+styles.evil.demonstrations.policy._target_=my_evil.Evil",
+        "+env.objectives.evil={_target_: shutil.copyfile, src: bait, dst: stolen}",
+        "+env.objectives.evil={_target_: my_evil.Evil}",
+        "env.objectives.baseline.terms=[{_target_: my_evil.Evil}]",
+        "+rewards.clone.actor.evil={_target_: morlnav.runs.resuming.Path, _args_: [stolen]}",
+        "+env.objectives.evil=\"${oc.decode:'{_target_: my_evil.Evil}'}\"",
+        "+name=my_evil.Evil actor.features._target_=${name}",
+        "+rewards.demonstrations.evil.policy._target_=my_evil.Evil",
+        "logger={_target_: my_evil.Evil}",
+        "hooks.log_episodes={_target_: my_evil.Evil}",
         "collector.backend=ray",
-        "+trainer.compile={options: {cpp.cxx: [my_evil]}}",
+        "compile={options: {cpp.cxx: [my_evil]}}",
     ],
 )
 def test_a_strangers_run_needs_trust_and_runs_no_code_before(word, finished, train_command, tmp_path):
     (tmp_path / "bait").write_text("stolen")
     (tmp_path / "my_evil.py").write_text("open('stolen', 'w').close()\n")
-    begun_with(finished, *(word.split(" ") if word.startswith("+name") else [word.replace("+trainer", "trainer")]))
+    begun_with(finished, *(word.split(" ") if word.startswith("+name") else [word]))
     before = contents(finished)
     with pytest.raises(SystemExit, match=r"if it is your own, add trust=true to the command line\.$"):
         train_command(f"resume={finished}")
@@ -181,7 +192,7 @@ def test_a_package_of_configs_is_not_imported(finished, train_command, tmp_path)
 
 
 def test_trust_is_not_taken_from_the_run_itself(finished, train_command):
-    begun_with(finished, "trust=true", "+objectives.evil={_target_: shutil.copyfile}")
+    begun_with(finished, "trust=true", "+env.objectives.evil={_target_: shutil.copyfile}")
     with pytest.raises(SystemExit, match=r"foreign shutil\.copyfile"):
         train_command(f"resume={finished}")
 
@@ -190,7 +201,7 @@ def test_ones_own_run_resumes_with_trust_time_and_again(train_command, tmp_path,
     (tmp_path / "my_calm.py").write_text(
         "class Calm:\n    def __call__(self, transition):\n        return -transition.action[..., 1].abs()\n"
     )
-    train_command(*WORDS, "+objectives.calm={_target_: my_calm.Calm}", "hydra.run.dir=mine")
+    train_command(*WORDS, "+env.objectives.calm={_target_: my_calm.Calm}", "hydra.run.dir=mine")
     for _ in range(2):
         with pytest.raises(SystemExit, match=r"my_calm\.Calm; if it is your own, add trust=true"):
             train_command("resume=mine")
@@ -221,23 +232,19 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_anew(finished)
 
 
 def test_a_reward_is_used_by_the_config_that_it_was_learned_by_alone(tmp_path):
-    demo = [*BRIEF, "objectives=[baseline,demo,distance,efficiency]", *TINY, "evaluation.during.interval=64"]
-    run(configure(*demo, f"cache={tmp_path / 'cache'}"), tmp_path / "run")
-    reward = read_facts(tmp_path / "run" / "reward.pt")
-    with pytest.raises(ValueError, match=r"reward\.pt belongs to another config"):
-        run(configure(*demo, "seed=5", f"cache={tmp_path / 'cache'}", f"resume='{tmp_path / 'run'}'"), tmp_path / "run")
+    demo = [*BRIEF, DEMONSTRATED, *TINY, "evaluation.episodes=1"]
+    began, cache = tmp_path / "run", f"cache={tmp_path / 'cache'}"
+    run(configure(*demo, cache), began)
+    reward, resume = read_facts(began / "reward.pt"), f"resume='{began}'"
+    before = contents(began)
+    for word in ("seed=5", "rewards.ranking.snippet=10"):
+        with pytest.raises(ValueError, match=r"reward\.pt was learned by another config|defaults have changed"):
+            run(configure(*demo, word, cache, resume), began)
+    assert contents(began) == before
 
-    run(configure(*demo, f"cache={tmp_path / 'elsewhere'}", f"resume='{tmp_path / 'run'}'"), tmp_path / "run")
-    assert not list((tmp_path / "elsewhere").glob("ranking*"))  # its own reward is enough
-
-    for path in [path for path in (tmp_path / "run").iterdir() if path.name not in ("reward.pt", "reward.json")]:
-        shutil.rmtree(path) if path.is_dir() else path.unlink()
-    before = contents(tmp_path / "run")
-    with pytest.raises(ValueError, match=r"reward\.pt belongs to another config"):
-        run(configure(*demo, "ranking.snippet=10", f"cache={tmp_path / 'cache'}"), tmp_path / "run")
-    assert contents(tmp_path / "run") == before
-    run(configure(*demo, f"cache={tmp_path / 'cache'}"), tmp_path / "run")
-    assert read_facts(tmp_path / "run" / "reward.pt") == reward
+    run(configure(*demo, f"cache={tmp_path / 'elsewhere'}", resume), began)
+    assert not (tmp_path / "elsewhere").exists()  # its own reward is enough
+    assert read_facts(began / "reward.pt") == reward
 
 
 def test_a_second_run_at_the_same_time_is_refused(finished, train_command):
@@ -254,7 +261,8 @@ def test_a_second_run_at_the_same_time_is_refused(finished, train_command):
 def test_a_killed_run_leaves_no_lock_and_its_leftovers_go(collector, tmp_path, train_command, capsys):
     directory = tmp_path / "run"
     words = [*WORDS, "trainer.total_frames=100000", f"collector={collector}", f"hydra.run.dir='{directory}'"]
-    process = subprocess.Popen([sys.executable, "-m", "morlnav.train", *words], stderr=subprocess.PIPE, text=True)
+    command = [sys.executable, "-m", "morlnav.commands.train", *words]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         for _ in range(2400):
             if list((directory / "checkpoints").glob("checkpoint-*/manifest.json")):

@@ -14,10 +14,11 @@ from morlnav.transforms import RewardVector
 def live_objects(env: EnvBase) -> dict[str, Any]:
     """What an environment tells the parts that learn in it, by the name of the argument that takes it.
 
-    An environment adds what its own domain needs by an attribute ``live``, as a robot or a lidar's range.
+    An environment adds what its own domain needs by an attribute ``live``, as a robot or a lidar's range. One that ends
+    episodes by a time limit of its own may tell it by an attribute ``max_steps``.
 
     Raises:
-        ValueError: if actions have no finite bounds.
+        ValueError: if actions have no finite bounds, or observations are called otherwise.
 
     Examples:
         >>> from morlnav import NavigationEnv
@@ -28,7 +29,13 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
     base = env.base_env if isinstance(env, TransformedEnv) else env
     vector, spec = RewardVector.of(env), getattr(base, "action_spec_unbatched", base.action_spec)
     low, high = action_bounds(spec, None)
-    limits = [transform for transform in getattr(env, "transform", ()) if isinstance(transform, StepCounter)]
+    if "observation" not in env.observation_spec.keys():
+        raise ValueError(
+            f"The environment must write its vector of numbers as 'observation', but it writes: "
+            f"{', '.join(map(str, env.observation_spec.keys()))}."
+        )
+    limits = [each.max_steps for each in getattr(env, "transform", ()) if isinstance(each, StepCounter)]
+    limits = [limit for limit in (*limits, getattr(base, "max_steps", None)) if limit]
     return {
         "rewards": vector.names,
         "objectives": vector.objectives,
@@ -40,6 +47,6 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
         "action_low": low.tolist(),
         "action_high": high.tolist(),
         "size": env.observation_spec["observation"].shape[-1],
-        **({"max_steps": limits[0].max_steps} if limits else {}),
+        **({"max_steps": min(limits)} if limits else {}),
         **getattr(base, "live", {}),
     }

@@ -200,7 +200,8 @@ class Training:
         collector = make_collector(  # last, for an error after it would leave its workers behind
             self.collector, make_env, TensorDictSequential(policy, noise), env=env, seed=self.seed, device=self.device
         )
-        rollout = {} if num_workers(self.collector) else {"rollout": RolloutState(collector)}
+        kept = not num_workers(self.collector) and RolloutState.can_hold(env)
+        rollout = {"rollout": RolloutState(collector)} if kept else {}
         trainer = supply(
             self.trainer,
             collector=collector,

@@ -20,7 +20,7 @@ from torchrl.envs.libs.gym import MOGymWrapper, set_gym_backend
 from morlnav.config import nearest
 
 
-def MOGymnasium(id: str, num_envs: int = 1) -> EnvBase:  # noqa: N802, for it stands for a class in a config
+def MOGymnasium(id: str, num_envs: int = 1) -> EnvBase:
     """A task of MO-Gymnasium by its id: TorchRL's ``MOGymWrapper`` around a Gymnasium vector of it.
 
     One vector is several times faster than as many of TorchRL's environments in a ``SerialEnv``. Observations are

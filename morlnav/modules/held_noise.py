@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import torch
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
@@ -14,7 +13,7 @@ from morlnav.modules.noise import EpsilonGreedyNoise
 
 
 class HeldNoise(TensorDictModuleBase):
-    """Explore by :class:`EpsilonGreedyNoise`: in the share ε of all steps a random action acts, each ``hold`` steps long.
+    """Explore by :class:`EpsilonGreedyNoise`: at the share ε of all steps a random action acts, held ``hold`` steps.
 
     Independent noise averages out where an action shows its effect late, as of a car too weak for its hill. It acts
     where exploration is on, and wants TorchRL's ``InitTracker`` in the environment, so that it begins anew with every
@@ -28,13 +27,11 @@ class HeldNoise(TensorDictModuleBase):
         action_low: least action, length ``A``.
         action_high: largest action, length ``A``.
 
-    Attributes:
-        sigma: the present ε.
-
     Raises:
         ValueError: for a share outside [0, 1], or numbers of steps below 1.
 
     Examples:
+        >>> import torch
         >>> from tensordict import TensorDict
         >>> noise = HeldNoise(epsilon_init=1.0, hold=10, action_low=[-1.0], action_high=[1.0])
         >>> step = TensorDict(action=torch.zeros(3, 1), is_init=torch.ones(3, 1, dtype=torch.bool), batch_size=[3])
@@ -66,6 +63,7 @@ class HeldNoise(TensorDictModuleBase):
 
     @property
     def sigma(self) -> Tensor:
+        """The present ε, by the name that loggers of exploration look for."""
         return self.noise.epsilon
 
     def step(self, frames: int = 1) -> None:

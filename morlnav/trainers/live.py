@@ -29,11 +29,9 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
     base = env.base_env if isinstance(env, TransformedEnv) else env
     vector, spec = RewardVector.of(env), getattr(base, "action_spec_unbatched", base.action_spec)
     low, high = action_bounds(spec, None)
-    if "observation" not in env.observation_spec.keys():
-        raise ValueError(
-            f"The environment must write its vector of numbers as 'observation', but it writes: "
-            f"{', '.join(map(str, env.observation_spec.keys()))}."
-        )
+    observed = list(env.observation_spec.keys())
+    if "observation" not in observed:
+        raise ValueError(f"The environment must write what it observes as 'observation', not {', '.join(observed)}.")
     limits = [each.max_steps for each in getattr(env, "transform", ()) if isinstance(each, StepCounter)]
     limits = [limit for limit in (*limits, getattr(base, "max_steps", None)) if limit]
     return {

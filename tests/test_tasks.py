@@ -152,7 +152,13 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(words, sentence
 # A task of one's own
 
 OWN = ("env=own", "transforms.time_limit.max_steps=16", "trainer.progress_bar=false", "cache=null")
-SMALL = ("actor.num_cells=32", "critic.num_cells=32", "replay.batch_size=64", "evaluation.steps=2")
+SMALL = (
+    "actor.num_cells=32",
+    "critic.num_cells=32",
+    "replay.batch_size=64",
+    "evaluation.steps=2",
+    "trainer.optim_steps_per_batch=16",
+)
 
 
 def test_a_policy_learns_in_an_environment_of_ones_own(my_task, tmp_path):
@@ -171,12 +177,14 @@ def test_a_policy_learns_in_an_environment_of_ones_own(my_task, tmp_path):
 
 
 @pytest.mark.parametrize("target", ["Between", "bounded_by_itself"])
-def test_an_environment_or_what_makes_one_serves_and_a_run_continues(target, my_task, tmp_path, capsys):
+def test_an_environment_or_what_makes_one_serves_and_its_run_continues(target, my_task, tmp_path, monkeypatch, capsys):
     words = (*OWN, *BRIEF, f"env._target_=my_task.{target}", "transforms.time_limit.max_steps=8")
-    run(configure(*words, "trainer.total_frames=256"), tmp_path / "run")
+    with monkeypatch.context() as patch:
+        interrupt_at(patch, 128)
+        assert run(configure(*words), tmp_path / "run") is None
     finished = run(configure(*words, f"resume='{tmp_path / 'run'}'"), tmp_path / "run")
     assert finished.policy.objectives == ("right", "left")
-    assert "at 256 of 512 frames" in capsys.readouterr().out
+    assert "at 192 of 512 frames" in capsys.readouterr().out
 
 
 def test_an_environment_without_an_observation_is_refused(my_task, tmp_path):

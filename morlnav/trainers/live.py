@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from torchrl.data import Bounded
-from torchrl.envs import EnvBase, StepCounter, TransformedEnv
+from torchrl.envs import EnvBase, SerialEnv, StepCounter, TransformedEnv
 
 from morlnav.objectives.bounds import action_bounds
 from morlnav.transforms import RewardVector
+
+TOLD = ("rewards", "num_static", "reward_bounds", "max_steps", "live")
+"""Attributes by which an environment tells of itself."""
+
+
+def side_by_side(make: Callable[[], EnvBase], count: int) -> SerialEnv:
+    """So many of an environment in TorchRL's ``SerialEnv``, which tell of themselves what one does.
+
+    >>> from morlnav import NavigationEnv
+    >>> side_by_side(NavigationEnv, 3).rewards["efficiency"]
+    Efficiency(penalty=-10.0)
+    """
+    env = SerialEnv(count, make)
+    env.start()
+    for name in TOLD:
+        if (values := getattr(env, name, None)) is not None:  # a list, one of each
+            setattr(env, name, values[0])
+    return env
 
 
 def live_objects(env: EnvBase) -> dict[str, Any]:

@@ -94,6 +94,8 @@ def _continue(settings: Settings, training: Training, checkpoint: Path) -> Train
             settings.refuse_what_does_not_fit(error)
         raise
     print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
+    if "rollout" not in trainer.checkpoint.components:
+        print("Its episodes cannot be saved, so new ones begin; all else goes on as it was.")
     if trainer.progress_bar:
         trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
     remove_leftovers(settings.directory)

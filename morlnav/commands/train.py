@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -118,7 +119,8 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         for number, handler in handlers.items():
             signal.signal(number, handler)
     if interrupted and trainer.collected_frames < trainer.total_frames:
-        print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={directory}")
+        place = shlex.quote(str(directory))
+        print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={place}")
         return None
     finished = Run(directory, trust=True)
     deployment.save(trainer.checkpoint.components["average"].module, finished.evaluation.objectives, directory)

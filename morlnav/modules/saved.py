@@ -136,9 +136,12 @@ def _read(path: str | Path) -> dict[str, Any]:
             raise FileNotFoundError(f"There is no {file}; a saved module is two files, {path} and {description.name}.")
     try:
         content = json.loads(description.read_text(encoding="utf-8"))
-        return {"model": dict(content["model"]), "facts": dict(content["facts"]), "sha256": content.get("sha256")}
+        read = {"model": dict(content["model"]), "facts": dict(content["facts"]), "sha256": content.get("sha256")}
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{description} does not describe a saved module; save it again.") from error
+    if "_target_" not in read["model"]:
+        raise ValueError(f"{description} was made by morlnav 0.1, which this version does not read; train it again.")
+    return read
 
 
 def _describe(value: Any) -> Any:

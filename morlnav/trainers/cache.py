@@ -25,8 +25,8 @@ T = TypeVar("T")
 class Cache:
     """Keeps the results of stages, each named by a hash of its config and of all stages before it.
 
-    Results hold for a seed, a number of threads and a version of the code. Parallel runs wait for one of them. Files that
-    have changed since they were kept are refused.
+    Results hold for a seed, a number of threads and a version of the code. Parallel runs wait for one of them. Files
+    that have changed since they were kept are refused.
 
     Args:
         directory: where results go; ``None`` keeps nothing.

@@ -12,7 +12,7 @@ import pandas as pd
 from omegaconf import OmegaConf
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from morlnav.runs.config import CONFIG_FILE, load_config
+from morlnav.runs.config import CONFIG_FILE, load_config, read_yaml
 
 Runs: TypeAlias = "str | Path | Iterable[str | Path]"
 """A run directory, a sweep's directory with run directories in it, or several run directories."""
@@ -212,10 +212,10 @@ def _chosen(run: Path) -> dict[str, str]:
     folder = run / ".hydra"
     if not (folder / "overrides.yaml").is_file():
         return {}
-    words = [word.lstrip("+~").partition("=") for word in OmegaConf.load(folder / "overrides.yaml")]
+    words = [str(word).lstrip("+~").partition("=") for word in read_yaml(folder / "overrides.yaml") or []]
     choices = {}
     if (folder / "hydra.yaml").is_file():
-        choices = OmegaConf.select(OmegaConf.load(folder / "hydra.yaml"), "hydra.runtime.choices") or {}
+        choices = read_yaml(folder / "hydra.yaml")["hydra"]["runtime"]["choices"]
     groups = {group: choice for group, choice in choices.items() if not group.startswith("hydra/")}
     return groups | {key: value for key, _, value in words if key != "resume"}
 

@@ -326,7 +326,7 @@ class DREX:
         return data, stages.keep_module("clone", lambda: (self._clone(data, **display, name=label), {}))[0]
 
     def restore(self, directory: Path) -> dict[str, LearnedReward]:
-        """The rewards that :meth:`learn` left in a run directory.
+        """The rewards that :meth:`learn` left in a run directory; without clones where they are missing and not asked.
 
         Raises:
             FileNotFoundError: if one is missing.
@@ -335,14 +335,11 @@ class DREX:
         return {name: self._restore(name, place(directory, name)) for name in self.demonstrations}
 
     def _restore(self, name: str, directory: Path) -> LearnedReward:
-        policy, file, origin = (
-            self.demonstrations[name].policy,
-            directory / REWARD_FILE,
-            self.stages[name].origin("ranking"),
-        )
+        policy, origin = self.demonstrations[name].policy, self.stages[name].origin("ranking")
+        file, imitator = directory / REWARD_FILE, directory / CLONE_FILE
         if origin is not None and read_facts(file).get("origin") != origin:
             raise ValueError(f"{file} was learned by another config than that of this run.")
-        clone = load_module(directory / CLONE_FILE)
+        clone = None if policy is not None and not imitator.is_file() else load_module(imitator)
         return self._learned(name, load_module(file), policy or clone, clone)
 
     def _learned(

@@ -40,7 +40,7 @@ def test_weights_are_normalised_and_missing_ones_are_zero(tmp_path):
         ("hall: {distance: true}", "gives distance the weight True"),
         ("hall: {distance: .inf}", "gives distance the weight inf"),
         ("hall: {distance: 0}", "needs a weight above 0"),
-        ("hall: 3", "must map objectives to weights"),
+        ("hall: 3", "must map rooms to weights"),
         ("- hall", "must map rooms to weights"),
         ("", "must map rooms to weights"),
         ("hall: {", "not readable as YAML"),

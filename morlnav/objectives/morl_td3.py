@@ -14,8 +14,8 @@ from torchrl.data import TensorSpec
 from torchrl.envs.utils import step_mdp
 from torchrl.objectives.utils import distance_loss
 
+from morlnav.modules.scalarisation import LinearScalarisation
 from morlnav.objectives.actor_critic import VectorActorCriticLoss
-from morlnav.objectives.scalarisation import LinearScalarisation
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
 
 LOSS_FUNCTIONS = ("l2", "l1", "smooth_l1")

@@ -8,9 +8,8 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from morlnav.analysis import flat_settings
 from morlnav.deployment.policy import POLICY_FILE
-from morlnav.runs.config import CONFIG_FILE, load_config
+from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config
 
 NO_RESULT_DEPENDS_ON = ("cache", "trainer.progress_bar")
 

@@ -15,13 +15,13 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from morlnav.cli import conf_dir, one_sentence_errors, quiet
+from morlnav.config import build
 from morlnav.navigation.demonstrations.folder import load_demonstrations, save_demonstrations
 from morlnav.navigation.demonstrations.record import as_episodes
 from morlnav.navigation.demonstrations.trajectories import import_demonstrations
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.world import Scene, World
 from morlnav.navigation.world.geometry import polar
-from morlnav.trainers.builders import build
 
 if TYPE_CHECKING:
     import pygame
@@ -208,7 +208,7 @@ def main() -> None:
     quiet()
     parser = argparse.ArgumentParser(prog="morlnav-record", description=__doc__.split(": ", 1)[1])
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="of demonstrations; new ones are added")
-    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="as of morlnav-train, of world and env")
+    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="as of morlnav-train, of env")
     parser.add_argument("--import", dest="file", type=Path, metavar="FILE", help="a .csv or .npz file of trajectories")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")
     parser.add_argument("--size", type=int, nargs=2, default=(1000, 700), help="of the window in pixels")
@@ -217,12 +217,12 @@ def main() -> None:
         with initialize_config_dir(conf_dir(), version_base="1.3"):
             cfg = compose("train", args.overrides)
         args.folder.parent.mkdir(parents=True, exist_ok=True)
-        world = build(cfg.world, device="cpu")
+        world = build(cfg.env.world, "env.world", device="cpu")
         if args.file is not None:
             data = import_demonstrations(args.file, world=world)
             total = add_demonstrations(data, args.folder, args.file.name)
         else:
-            total = _drive(world, build(cfg.env.scenes), args.folder, args.seed, tuple(args.size))
+            total = _drive(world, build(cfg.env.scenes, "env.scenes"), args.folder, args.seed, tuple(args.size))
         print(f"{args.folder} holds {total} demonstrations." if total else "Nothing was demonstrated.")
 
 

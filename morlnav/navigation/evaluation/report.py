@@ -85,8 +85,8 @@ def write_report(
 
     tuneable = rewards[len(rewards) - rollouts.preference.shape[-1] :]
     if len(tuneable) >= 2:
+        from morlnav.evaluation.front_plot import plot_front  # these load matplotlib
         from morlnav.navigation.record.plots import plot_metrics, plot_trajectories
-        from morlnav.record.front_plot import plot_front  # these load matplotlib
 
         shown = [scene for scene in scenes if scene < rollouts.batch_size[1]]
         radii = {} if world is None else {"human_radius": world.human_radius, "robot_radius": world.robot.radius}

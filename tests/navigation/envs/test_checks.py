@@ -6,7 +6,15 @@ import pytest
 import torch
 
 from morlnav.navigation.demonstrations import record_demonstrations, rewarded_transitions
-from morlnav.navigation.envs import Collision, DemonstrationObjective, Efficiency, GoalProgress, HumanDistance, NavigationEnv, Sum
+from morlnav.navigation.envs import (
+    Collision,
+    DemonstrationObjective,
+    Efficiency,
+    GoalProgress,
+    HumanDistance,
+    NavigationEnv,
+    Sum,
+)
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import PymunkWorld, SceneSampler, TensorWorld

@@ -27,8 +27,8 @@ class Evaluation:
         episodes: per preference.
         steps: preferences are all pairwise interpolations of corners in so many steps.
         seed: of the episodes, which no training sees.
-        reference: reference point of the hypervolume, a number per reward or by name; ``None`` takes one below the worst
-            that the rewards can add up to.
+        reference: reference point of the hypervolume, a number per reward or by name; ``None`` takes one below the
+            worst that the rewards can add up to.
         make_env: ``make_env(num_envs=...)`` makes an environment that keeps a preference handed to ``reset``.
         rewards: names of the entries of the reward, static ones first.
         num_objectives: entries of λ.

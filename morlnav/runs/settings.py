@@ -24,6 +24,7 @@ def changed_settings(cfg: DictConfig, directory: Path, counts: Callable[[str], b
 
     Examples:
         >>> import tempfile
+        >>> from omegaconf import OmegaConf
         >>> run = Path(tempfile.mkdtemp())
         >>> OmegaConf.save({"seed": 0, "cache": "here"}, run / "config.yaml")
         >>> changed_settings(OmegaConf.create({"seed": 5, "cache": "there"}), run)

@@ -25,7 +25,8 @@ LIBRARY = (
 def foreign_targets(config: Any) -> list[str]:
     """The targets of a config that lie outside this package, but for known ones; nothing of them is imported.
 
-    >>> foreign_targets({"env": {"_target_": "shutil.copyfile"}, "loss": {"_target_": "morlnav.objectives.MORLTD3Loss"}})
+    >>> loss = {"_target_": "morlnav.objectives.MORLTD3Loss"}
+    >>> foreign_targets({"env": {"_target_": "shutil.copyfile"}, "loss": loss})
     ['shutil.copyfile']
     """
     return [target for target in dict.fromkeys(targets(config)) if not is_known(target)]

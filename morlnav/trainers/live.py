@@ -8,7 +8,7 @@ from torchrl.data import Bounded
 from torchrl.envs import EnvBase, StepCounter, TransformedEnv
 
 from morlnav.objectives.bounds import action_bounds
-from morlnav.transforms import RewardVector
+from morlnav.transforms import RewardVector, transforms_of
 
 
 def live_objects(env: EnvBase) -> dict[str, Any]:
@@ -28,7 +28,7 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
     base = env.base_env if isinstance(env, TransformedEnv) else env
     vector, spec = RewardVector.of(env), getattr(base, "action_spec_unbatched", base.action_spec)
     low, high = action_bounds(spec, None)
-    limits = [transform for transform in getattr(env, "transform", ()) if isinstance(transform, StepCounter)]
+    limits = [transform for transform in transforms_of(env) if isinstance(transform, StepCounter)]
     return {
         "rewards": vector.names,
         "objectives": vector.objectives,

@@ -50,15 +50,11 @@ class RewardAudit:
     ) -> None:
         if num_scenes < 1 or plans < 0 or scene_seed < 0:
             raise ValueError(
-                f"Needed are num_scenes >= 1, plans >= 0 and scene_seed >= 0, got {num_scenes}, {plans} and {scene_seed}."
+                f"Needed are num_scenes >= 1, plans >= 0 and scene_seed >= 0, got {num_scenes}, {plans} and "
+                f"{scene_seed}."
             )
-        self.required, self.num_scenes, self.scene_seed, self.plans, self.bare = (
-            required,
-            num_scenes,
-            scene_seed,
-            plans,
-            bare,
-        )
+        self.required, self.plans, self.bare = required, plans, bare
+        self.num_scenes, self.scene_seed = num_scenes, scene_seed
         self.world, self.scenes, self.observe_human = world, scenes, observe_human
         self.max_steps, self.seed = max_steps, seed
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -50,7 +49,7 @@ def noisy_rollouts(
         >>> noisy_rollouts(CircumnavigationOracle(), evaluation_scenes(3), (0.0, 0.5), max_steps=5).batch_size
         torch.Size([2, 3, 5])
     """
-    world = copy.copy(world) if world else TensorWorld()
+    world = world or TensorWorld()
     everywhere = torch.cat([scenes] * len(levels))
     baseline = {"baseline": Sum([GoalProgress(), Collision()], static=True)}
     low, high = world.robot.action_low, world.robot.action_high

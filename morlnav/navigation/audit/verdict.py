@@ -168,7 +168,9 @@ def audit_reward(
     driven |= {name: one.drive(scenes, world=world, objectives={"demo": paid}) for name, one in alternatives.items()}
     behaviours = _compare(driven, suite, scale, offset, thresholds, rng)
     noisy = noisy_rollouts(demonstrator or oracle, scenes, levels, hold, world=world, max_steps=max_steps, seed=seed)
-    noise, calibration, facts = judge_noise(noisy, demo, levels, snippet, temperature, observe_human=observe_human, seed=seed)
+    noise, calibration, facts = judge_noise(
+        noisy, demo, levels, snippet, temperature, observe_human=observe_human, seed=seed
+    )
 
     chosen = arrived.nonzero().flatten()[:plans].tolist()
     planner = PathPlanner(scale, offset, world, observe_human, max_steps=max_steps)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -41,17 +40,19 @@ def import_demonstrations(
 
     The file holds poses, or actions and where the robot starts, with goal, human and boxes of every episode; its schema
     is in ``docs/demonstrations.md``. At every control step the robot takes the arc from where it is to the next pose
-    (:meth:`~morlnav.navigation.world.DifferentialDrive.action_between`). Between two samples it is taken to drive an arc, so that
-    other sampling rates than the world's do. Actions are driven as they are. An episode ends where it reaches the goal.
+    (:meth:`~morlnav.navigation.world.DifferentialDrive.action_between`). Between two samples it is taken to drive an
+    arc, so that other sampling rates than the world's do. Actions are driven as they are. An episode ends where it
+    reaches the goal.
 
     Args:
         path: ends with ``.csv`` or ``.npz``.
-        world: the engine; a copy of it is used. Tensors by default.
+        world: the engine; tensors by default.
         objectives: reward terms by name as for :class:`~morlnav.navigation.envs.NavigationEnv`.
         tolerance: how far from a pose of the file the robot may get, in metres.
 
     Returns:
-        ``[N]`` as from :func:`~morlnav.navigation.demonstrations.record_demonstrations`; ``action`` and ``executed_action`` are the same.
+        ``[N]`` as from :func:`~morlnav.navigation.demonstrations.record_demonstrations`; ``action`` and
+        ``executed_action`` are the same.
 
     Raises:
         FileNotFoundError: if there is no such file.
@@ -67,7 +68,7 @@ def import_demonstrations(
         >>> data["action"][0], bool(data["next", "outcome", "goal"][-1])
         (tensor([0.5000, 0.0000]), True)
     """
-    world = copy.copy(world) if world is not None else TensorWorld()
+    world = world if world is not None else TensorWorld()
     file = read_trajectories(path)
     samples = [np.flatnonzero(file.episode == number) for number in range(file.episode.max() + 1)]
     tracks = [_track(file, rows, number, world) for number, rows in enumerate(samples)]
@@ -77,7 +78,7 @@ def import_demonstrations(
     if file.kind == "pose":
         for i, track in enumerate(tracks):
             padded["pose"][i, len(track["pose"]) :] = track["pose"][-1]
-        driver = _Follow(world, padded["pose"], pad_sequence([track["duration"] for track in tracks], True))
+        driver = _Follow(env.world, padded["pose"], pad_sequence([track["duration"] for track in tracks], True))
     else:
         driver = OpenLoop(padded["action"])
     steps = padded["action"].shape[1]

@@ -23,7 +23,7 @@ from morlnav.navigation.evaluation.statistics import RATES, metric_columns, over
 from morlnav.navigation.world import Scene
 from morlnav.record.console import make_console
 from morlnav.trainers.drex import place
-from morlnav.transforms import DemonstrationReward
+from morlnav.transforms import DemonstrationReward, transforms_of
 
 
 class NavigationEvaluation(Evaluation):
@@ -87,7 +87,7 @@ class NavigationEvaluation(Evaluation):
         return self.make_env(num_envs=1).eval()
 
     def drive(self, policy: nn.Module, scenes: Scene, preferences: Tensor) -> Rollouts:
-        """Episodes ``[P, S]`` of a policy under preferences ``[P, n]``, or schedules ``[P, T, n]``, in scenes ``[S]``."""
+        """Episodes ``[P, S]`` of a policy under preferences ``[P, n]`` or schedules ``[P, T, n]`` in scenes ``[S]``."""
         env = self.env
         return evaluate_policy(
             policy,
@@ -195,11 +195,11 @@ def reward_terms(env: EnvBase) -> dict[str, Objective]:
         >>> list(terms)
         ['baseline', 'demo', 'distance', 'efficiency']
         >>> NavigationEnv(objectives=terms).rollout(2)["next", "reward"].shape  # also without TorchRL's transforms
-        torch.Size([1, 2, 4])
+        torch.Size([2, 4])
     """
     base = env.base_env if isinstance(env, TransformedEnv) else env
     items = list(base.rewards.items())
-    for transform in env.transform if isinstance(env, TransformedEnv) else ():
+    for transform in transforms_of(env):
         if isinstance(transform, DemonstrationReward):
             entry, term = transform.entry, _Demonstrated(transform, base)
             if transform.insert:

@@ -45,9 +45,9 @@ def write_report(
 ) -> str:
     """Write tables and figures of an evaluation, and return the table that a person reads first.
 
-    Files: ``episodes.csv`` (see :func:`~morlnav.navigation.evaluation.episode_metrics`), ``summary.csv``, ``fidelity.csv``,
-    ``front.csv`` (see :func:`~morlnav.navigation.evaluation.front_table`), ``table.md``, and, with two or more tuneable
-    objectives, ``trajectories.png``, ``metrics.png`` and ``front.png``.
+    Files: ``episodes.csv`` (see :func:`~morlnav.navigation.evaluation.episode_metrics`), ``summary.csv``,
+    ``fidelity.csv``, ``front.csv`` (see :func:`~morlnav.evaluation.front_table`), ``table.md``, and, with two or more
+    tuneable objectives, ``trajectories.png``, ``metrics.png`` and ``front.png``.
 
     Args:
         rollouts: batched ``[P, S]``.

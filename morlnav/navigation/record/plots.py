@@ -197,8 +197,8 @@ def plot_metrics(
 
     Args:
         summary: from :func:`~morlnav.navigation.evaluation.summarise`.
-        comparisons: from :func:`~morlnav.navigation.evaluation.compare_extremes`; adds significance stars between neighbouring
-            corners.
+        comparisons: from :func:`~morlnav.navigation.evaluation.compare_extremes`; adds significance stars between
+            neighbouring corners.
         metrics: columns of ``summary``; those that it lacks are left out.
         baseline: from :func:`~morlnav.navigation.evaluation.overall` for an agent without preferences; a dotted line.
 

@@ -94,7 +94,7 @@ def test_what_is_missing_or_damaged_is_named_in_one_sentence(model, tmp_path):
     with pytest.raises(ValueError, match="does not hold the weights"):
         load_module(path)
     describe(model={**reward, "height": 3})
-    with pytest.raises(ValueError, match="describes a RewardModel that cannot be built: .*height"):
+    with pytest.raises(ValueError, match=r"describes a RewardModel that cannot be built: .*height"):
         load_module(path)
     describe()
     for damaged in (b"", b"nonsense", b"cos\nsystem\n(S'echo'\ntR."):

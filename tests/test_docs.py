@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from morlnav.configs import CONFIGS
 from tensordict.nn import TensorDictModule
 
 import morlnav
 from morlnav.cli import conf_dir
 from morlnav.commands.train import main as morlnav_train
-from morlnav.configs import CONFIGS
 from morlnav.data import PreferenceSampler
 from morlnav.trainers import make_base_env, make_loss, make_networks, make_preferences
 

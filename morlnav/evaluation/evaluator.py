@@ -10,11 +10,11 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-from morlnav.data.simplex import preference_edges, simplex_grid
 from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
 from morlnav.evaluation.labels import preference_label
 from morlnav.evaluation.pareto import expected_utility
 from morlnav.evaluation.returns import discounted_returns, eval_env
+from morlnav.simplex import preference_edges, simplex_grid
 
 HELD_OUT = 2**31
 """Episodes of an evaluation are seeded from here on, those of a training below it."""
@@ -110,7 +110,7 @@ class Evaluation:
         text = f"{_markdown(shown)}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
         (directory / "table.md").write_text(text + "\n", encoding="utf-8")
         if self.num_objectives > 1:
-            from morlnav.record.front_plot import plot_front  # loads matplotlib
+            from morlnav.evaluation.front_plot import plot_front  # loads matplotlib
 
             plot_front(table).savefig(directory / "front.png", dpi=150)
         return table

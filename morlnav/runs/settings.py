@@ -8,9 +8,8 @@ from pathlib import Path
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from morlnav.analysis import flat_settings
 from morlnav.deployment.policy import POLICY_FILE
-from morlnav.runs.config import CONFIG_FILE, load_config
+from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config
 from morlnav.trainers.drex import CLONE_FILE, LearnedReward
 
 NO_RESULT_DEPENDS_ON = ("cache", "trainer.progress_bar")
@@ -25,6 +24,7 @@ class Settings:
 
     Examples:
         >>> import tempfile
+        >>> from omegaconf import OmegaConf
         >>> run = Path(tempfile.mkdtemp())
         >>> OmegaConf.save({"seed": 0, "cache": "here"}, run / "config.yaml")
         >>> Settings(OmegaConf.create({"seed": 5, "cache": "there"}), run).changed()

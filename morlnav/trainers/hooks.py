@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 from morlnav.evaluation import Evaluation
-from morlnav.objectives.scalarisation import by_name
+from morlnav.modules.scalarisation import by_name
 
 
 class PeriodicHook(TrainerHookBase):

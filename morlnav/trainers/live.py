@@ -9,7 +9,7 @@ from torchrl.data import Bounded
 from torchrl.envs import EnvBase, SerialEnv, StepCounter, TransformedEnv
 
 from morlnav.objectives.bounds import action_bounds
-from morlnav.transforms import RewardVector
+from morlnav.transforms import RewardVector, transforms_of
 
 TOLD = ("rewards", "num_static", "reward_bounds", "max_steps", "live")
 """Attributes by which an environment tells of itself."""
@@ -51,7 +51,7 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
     observed = list(env.observation_spec.keys())
     if "observation" not in observed:
         raise ValueError(f"The environment must write what it observes as 'observation', not {', '.join(observed)}.")
-    limits = [each.max_steps for each in getattr(env, "transform", ()) if isinstance(each, StepCounter)]
+    limits = [each.max_steps for each in transforms_of(env) if isinstance(each, StepCounter)]
     limits = [limit for limit in (*limits, getattr(base, "max_steps", None)) if limit]
     return {
         "rewards": vector.names,

@@ -107,12 +107,13 @@ class RecordedPolicy(NavigationDemonstrations):
 class RecordedFolder(NavigationDemonstrations):
     """Demonstrations of your own: a folder that ``morlnav-record`` wrote (:func:`recorded_demonstrations`).
 
-    Nobody can be asked again how to drive, so the clone stands in for whoever was recorded; it has to drive as recorded.
+    Nobody can be asked again how to drive, so the clone stands in for whoever was recorded, and has to drive as
+    recorded.
 
     Args:
         path: of the folder.
-        replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise they
-            are taken as they are.
+        replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise
+            they are taken as they are.
         settings: of :class:`NavigationDemonstrations`.
 
     Raises:

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from morlnav.navigation.evaluation import overall, summarise
-from morlnav.record.tables import audit_line, print_summary
+from morlnav.navigation.evaluation.tables import audit_line, print_summary
 
 
 def episodes(*corners):

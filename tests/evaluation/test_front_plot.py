@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from morlnav.navigation.evaluation import front_table
-from morlnav.record.front_plot import plot_front
+from morlnav.evaluation import front_table
+from morlnav.evaluation.front_plot import plot_front
 
 PREFERENCES = torch.tensor([[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]])
 

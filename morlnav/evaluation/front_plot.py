@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from morlnav.evaluation.pareto import pareto_mask
-from morlnav.navigation.record.plots import INK, blend, objective_colours
+from morlnav.record.colours import INK, blend, objective_colours
 
 
 def plot_front(table: pd.DataFrame) -> Figure:
@@ -22,7 +22,7 @@ def plot_front(table: pd.DataFrame) -> Figure:
     all of them. Up and right is better.
 
     Args:
-        table: from :func:`~morlnav.navigation.evaluation.front_table`, of any task.
+        table: from :func:`~morlnav.evaluation.front_table`, of any task.
 
     Returns:
         A figure; save it with ``figure.savefig("front.png", dpi=150)``.
@@ -31,7 +31,7 @@ def plot_front(table: pd.DataFrame) -> Figure:
         ValueError: if there are fewer than two objectives.
 
     Examples:
-        >>> from morlnav.navigation.evaluation import front_table
+        >>> from morlnav.evaluation import front_table
         >>> points = torch.tensor([[2.0, 1.0], [1.0, 3.0]])
         >>> len(plot_front(front_table(torch.eye(2), points, ["speed", "comfort"])).axes)
         1

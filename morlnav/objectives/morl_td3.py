@@ -49,9 +49,8 @@ class MORLTD3Loss(VectorActorCriticLoss):
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
         terms: what else the losses hold, by the name under which it is reported; see
             :class:`~morlnav.objectives.terms.LossTerm`.
-        reward_bounds: least and largest reward of a step, each ``[m]`` or one number, infinite where unknown. Targets
-            then stay within what any policy can return (:class:`ReturnBounds`), so that no actor can feed on a critic's
-            overestimate.
+        return_bounds: keeps targets within what any policy can return, so that no actor can feed on a critic's
+            overestimate; see :class:`ReturnBounds`.
 
     Raises:
         ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, ``pessimism``

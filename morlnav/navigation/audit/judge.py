@@ -20,12 +20,12 @@ class RewardAudit:
 
     Args:
         required: a reward that fails ends the pipeline.
-        scenes: held out, to compare behaviours in.
+        num_scenes: held out, to compare behaviours in.
         scene_seed: of these scenes.
         plans: scenes to plan the reward's best path in; 0 plans none.
         bare: take the boxes out of every second planned scene.
         world: the engine.
-        sampler: draws the scenes.
+        scenes: draws the scenes.
         observe_human: whether the reward sees the human's position.
         max_steps: time limit of an episode.
         seed: of noise and bootstrap.

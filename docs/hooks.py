@@ -30,7 +30,19 @@ of a run, `morlnav-train GROUP=CHOICE --cfg job` that of another.
 | group | fills | choices, the default one in bold |
 | :-- | :-- | :-- |
 """
-FIRST = ("recipe", "trainer", "env", "world", "objectives", "demonstrations", "rewards", "clone", "ranking", "audit", "loss")
+FIRST = (
+    "recipe",
+    "trainer",
+    "env",
+    "world",
+    "objectives",
+    "demonstrations",
+    "rewards",
+    "clone",
+    "ranking",
+    "audit",
+    "loss",
+)
 """Groups that come first in the reference; the others follow in the order in which a run is composed."""
 ROOMS = (
     ("Learning", ("objectives", "modules", "transforms", "data", "trainers", "evaluation")),
@@ -127,7 +139,9 @@ def _config_page() -> str:
         "morlnav", search_paths=[str(ROOT)], extensions=griffe.load_extensions(Roles), resolve_aliases=True
     )
     defaults = _defaults()
-    groups = dict.fromkeys([*FIRST, *reversed(defaults), *(folder.name for folder in sorted(CONF.iterdir()) if folder.is_dir())])
+    groups = dict.fromkeys(
+        [*FIRST, *reversed(defaults), *(folder.name for folder in sorted(CONF.iterdir()) if folder.is_dir())]
+    )
     found = {group: files for group in groups if (files := sorted((CONF / group).glob("*.yaml")))}
     index = [_index_row(group, files, defaults.get(group, [])) for group, files in found.items()]
     text = (CONF / "train.yaml").read_text()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import copy
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,10 @@ import pandas as pd
 import torch
 from hydra import compose, initialize_config_dir
 from matplotlib.figure import Figure
-from omegaconf import DictConfig
 from torch import Tensor
 
 from morlnav.cli import conf_dir, one_sentence_errors, quiet, set_threads
+from morlnav.config import check, plain, setting
 from morlnav.navigation.audit import Behaviour
 from morlnav.navigation.audit.noise import noisy_rollouts
 from morlnav.navigation.envs import GoalProgress
@@ -22,94 +23,103 @@ from morlnav.navigation.evaluation import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import _interval
 from morlnav.navigation.record.plots import COLOURS, INK, _tidy
 from morlnav.navigation.world import Scene
-from morlnav.trainers.builders import build
-from morlnav.trainers.drex import make_demonstrations, train_clone
-from morlnav.trainers.styles import on_whole_observations
+from morlnav.runs import make_training
+from morlnav.runs.run import OF_THE_COMMAND
+from morlnav.trainers import Training, live_objects
+from morlnav.trainers.drex import Policy
 
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000)
 
 
-def study_noise(cfg: DictConfig, episodes: int = 20, levels: Sequence[float] = LEVELS, hold: int = 1) -> pd.DataFrame:
-    """Normalised baseline return of the clone under ε-greedy noise (Fig. 2a).
+class Studies:
+    """What a clone of the first demonstrated objective's demonstrator is worth, in held-out scenes.
 
     Args:
-        cfg: as of ``morlnav-train``.
+        training: whose demonstrations are cloned.
         episodes: held-out scenes, all of which the demonstrator drives without a collision.
-        levels: noise levels ``ε``, ascending.
-        hold: steps that a random action lasts; 1 as printed.
 
-    Returns:
-        A row per level: ``epsilon``, ``baseline`` (1 pays as much as the whole way to the goal) with its bootstrap
-        interval ``baseline_low`` and ``baseline_high``, and the demonstrator's own return ``demonstrator``.
+    Raises:
+        ValueError: if nobody demonstrates whom a clone could be measured against.
     """
-    clone = _clone(cfg)
-    scenes = _free_scenes(cfg, episodes)
-    world = build(cfg.world, device="cpu")
-    rollouts = noisy_rollouts(clone, scenes, levels, hold, world=world, max_steps=cfg.env.max_steps, seed=cfg.seed)
-    returns = (rollouts["reward"][..., 0] * rollouts["mask"]).sum(-1)
-    return _table("epsilon", levels, returns / _whole_way(scenes), cfg, scenes)
 
+    def __init__(self, training: Training, episodes: int = 20) -> None:
+        self.training, self.env = training, training.make_env({}, num_envs=1).eval()
+        self.max_steps, self.seed = live_objects(self.env)["max_steps"], training.seed
+        self.world = self.env.base_env.world
+        names = training.pipeline().names if training.rewards is not None else []
+        self.demonstrator = training.pipeline().demonstrations[names[0]].policy if names else None
+        if self.demonstrator is None:
+            raise ValueError("morlnav-clone measures a clone against its demonstrator, and nobody can be asked here.")
+        self.scenes = self._free_scenes(episodes)
 
-def study_number(cfg: DictConfig, episodes: int = 20, numbers: Sequence[int] = NUMBERS) -> pd.DataFrame:
-    """Normalised baseline return of clones of few and many demonstrations ``N_D`` (Fig. 2b).
+    def noise(self, levels: Sequence[float] = LEVELS, hold: int = 1) -> pd.DataFrame:
+        """Normalised baseline return of the clone under ε-greedy noise (Fig. 2a).
 
-    Args:
-        cfg: as of ``morlnav-train``.
-        episodes: held-out scenes, all of which the demonstrator drives without a collision.
-        numbers: of demonstrations.
+        Args:
+            levels: noise levels ``ε``, ascending.
+            hold: steps that a random action lasts; 1 as printed.
 
-    Returns:
-        A row per number, as from :func:`study_noise`, with ``demonstrations`` in place of ``epsilon``.
-    """
-    scenes, returns = _free_scenes(cfg, episodes), []
-    for number in numbers:
-        cfg.demonstrations.num = number
-        returns.append(_baseline(_clone(cfg), scenes, cfg))
-    return _table("demonstrations", numbers, torch.stack(returns), cfg, scenes)
+        Returns:
+            A row per level: ``epsilon``, ``baseline`` (1 pays as much as the whole way to the goal) with its bootstrap
+            interval ``baseline_low`` and ``baseline_high``, and the demonstrator's own return ``demonstrator``.
+        """
+        clone = self._clone()
+        driven = noisy_rollouts(
+            clone, self.scenes, levels, hold, world=self.world, max_steps=self.max_steps, seed=self.seed
+        )
+        returns = (driven["reward"][..., 0] * driven["mask"]).sum(-1)
+        return self._table("epsilon", levels, returns / self._whole_way())
 
+    def number(self, numbers: Sequence[int] = NUMBERS) -> pd.DataFrame:
+        """Normalised baseline return of clones of few and many demonstrations ``N_D`` (Fig. 2b).
 
-def _clone(cfg: DictConfig) -> Callable[[Tensor], Tensor]:
-    return on_whole_observations(cfg, train_clone(cfg, make_demonstrations(cfg)))
+        Args:
+            numbers: of demonstrations.
 
+        Returns:
+            A row per number, as from :meth:`noise`, with ``demonstrations`` in place of ``epsilon``.
+        """
+        returns = torch.stack([self._baseline(self._clone(number)) for number in numbers])
+        return self._table("demonstrations", numbers, returns)
 
-def _demonstrator(cfg: DictConfig) -> Callable[[Tensor], Tensor]:
-    if "policy" not in cfg.demonstrations:
-        raise ValueError("morlnav-clone measures a clone against its demonstrator; recorded demonstrations have none.")
-    return build(cfg.demonstrations.policy)
+    def _clone(self, number: int | None = None) -> Policy:
+        """The clone on whole observations, of as many demonstrations as the config says or of another number."""
+        training = copy.copy(self.training)
+        if number is not None:
+            training.rewards = training.rewards.replace(num=number)
+        clone = training.pipeline().clones()[0]
+        env = self.env.base_env
+        return lambda observation: clone(env.seen(observation))
 
+    def _free_scenes(self, count: int) -> Scene:
+        """Held-out scenes in which the demonstrator reaches the goal."""
+        seed, sampler = setting(self.training.evaluation, "seed"), self.env.base_env.scenes
+        scenes = evaluation_scenes(4 * count, seed=seed, sampler=sampler)
+        free = (self._drive(self.demonstrator, scenes).outcome[0] == Outcome.GOAL).nonzero().flatten()[:count]
+        if len(free) < count:
+            raise ValueError(f"The demonstrator reaches the goal in only {len(free)} of {4 * count} scenes.")
+        return scenes[free]
 
-def _free_scenes(cfg: DictConfig, count: int) -> Scene:
-    """Held-out scenes in which the demonstrator reaches the goal."""
-    scenes = evaluation_scenes(4 * count, seed=cfg.evaluation.seed, sampler=build(cfg.env.scenes))
-    free = (_drive(_demonstrator(cfg), scenes, cfg).outcome[0] == Outcome.GOAL).nonzero().flatten()[:count]
-    if len(free) < count:
-        raise ValueError(f"The demonstrator reaches the goal in only {len(free)} of {4 * count} scenes.")
-    return scenes[free]
+    def _drive(self, policy: Policy, scenes: Scene) -> Rollouts:
+        behaviour = Behaviour(lambda observation, _: policy(observation), self.max_steps)
+        return behaviour.drive(scenes, world=self.world)
 
+    def _whole_way(self) -> Tensor:
+        return GoalProgress().scale * (self.scenes.goal - self.scenes.start[:, :2]).norm(dim=-1)
 
-def _drive(policy: Callable[[Tensor], Tensor], scenes: Scene, cfg: DictConfig) -> Rollouts:
-    behaviour = Behaviour(lambda observation, _: policy(observation), cfg.env.max_steps)
-    return behaviour.drive(scenes, world=build(cfg.world, device="cpu"))
+    def _baseline(self, policy: Policy) -> Tensor:
+        """Normalised baseline returns ``[S]``."""
+        return self._drive(policy, self.scenes).reward[0, ..., 0].sum(-1) / self._whole_way()
 
-
-def _whole_way(scenes: Scene) -> Tensor:
-    return GoalProgress().scale * (scenes.goal - scenes.start[:, :2]).norm(dim=-1)
-
-
-def _baseline(policy: Callable[[Tensor], Tensor], scenes: Scene, cfg: DictConfig) -> Tensor:
-    """Normalised baseline returns ``[S]``."""
-    return _drive(policy, scenes, cfg).reward[0, ..., 0].sum(-1) / _whole_way(scenes)
-
-
-def _table(name: str, values: Sequence[float], returns: Tensor, cfg: DictConfig, scenes: Scene) -> pd.DataFrame:
-    rng, best = np.random.default_rng(cfg.seed), _baseline(_demonstrator(cfg), scenes, cfg).mean().item()
-    rows = []
-    for value, row in zip(values, returns.double().cpu().numpy(), strict=True):
-        low, high = _interval(row, 0.95, 1000, rng)
-        ends = {"baseline_low": low, "baseline_high": high, "demonstrator": best}
-        rows.append({name: value, "baseline": row.mean(), **ends})
-    return pd.DataFrame(rows)
+    def _table(self, name: str, values: Sequence[float], returns: Tensor) -> pd.DataFrame:
+        rng, best = np.random.default_rng(self.seed), self._baseline(self.demonstrator).mean().item()
+        rows = []
+        for value, row in zip(values, returns.double().cpu().numpy(), strict=True):
+            low, high = _interval(row, 0.95, 1000, rng)
+            ends = {"baseline_low": low, "baseline_high": high, "demonstrator": best}
+            rows.append({name: value, "baseline": row.mean(), **ends})
+        return pd.DataFrame(rows)
 
 
 def plot_study(table: pd.DataFrame) -> Figure:
@@ -149,10 +159,10 @@ def main() -> None:
         with initialize_config_dir(conf_dir(), version_base="1.3"):
             cfg = compose("train", args.overrides)
         set_threads(cfg.threads)
-        if args.study == "noise":
-            table = study_noise(cfg, args.episodes, hold=args.hold)
-        else:
-            table = study_number(cfg, args.episodes)
+        config = plain(cfg)
+        check({name: value for name, value in config.items() if name not in OF_THE_COMMAND})
+        studies = Studies(make_training(config), args.episodes)
+        table = studies.noise(hold=args.hold) if args.study == "noise" else studies.number()
         args.output.mkdir(parents=True, exist_ok=True)
         table.to_csv(args.output / f"{args.study}.csv", index=False)
         plot_study(table).savefig(args.output / f"{args.study}.png", dpi=150)

@@ -34,6 +34,7 @@ from morlnav.runs.settings import (
     refuse_new_defaults,
     refuse_to_change_a_finished_run,
     refuse_what_does_not_fit,
+    refuse_without_clones,
 )
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
@@ -68,7 +69,9 @@ def _begin(cfg: DictConfig, training: Training, directory: Path, checkpoint: Pat
     else:
         if (directory / CONFIG_FILE).is_file():
             refuse_new_defaults(cfg, directory)
-        trainer = training.make_trainer(directory, training.restore_rewards(directory))
+        learned = training.restore_rewards(directory)
+        refuse_without_clones(learned, directory)
+        trainer = training.make_trainer(directory, learned)
         _continue(trainer, cfg, directory, checkpoint)
         trainer.logger = training.make_logger(directory)
     remove_leftovers(directory)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 from morlnav.analysis import flat_settings
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.runs.config import CONFIG_FILE, load_config
+from morlnav.trainers.drex import CLONE_FILE, LearnedReward
 
 NO_RESULT_DEPENDS_ON = ("cache", "trainer.progress_bar")
 
@@ -80,6 +81,18 @@ def refuse_new_defaults(cfg: DictConfig, directory: Path) -> None:
         raise ValueError(
             f"resume={cfg.resume}: defaults have changed since the run began ({'; '.join(changed)}); name these values "
             f"on the command line to go on."
+        )
+
+
+def refuse_without_clones(learned: Mapping[str, LearnedReward], directory: Path) -> None:
+    """A run can be measured without the clones of its demonstrators, but they guide the actor while it learns.
+
+    Raises:
+        ValueError: naming the first objective that lacks its own.
+    """
+    if lacking := [name for name, reward in learned.items() if reward.clone is None]:
+        raise ValueError(
+            f"{directory} keeps no {CLONE_FILE} of {lacking[0]}, which learning needs; begin a run of its own."
         )
 
 

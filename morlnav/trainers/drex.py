@@ -286,12 +286,11 @@ class DREX:
     def _learn(self, name: str, directory: Path | None, logger: Logger | None) -> LearnedReward:
         source, stages = self.demonstrations[name], self.stages[name]
         display = {"logger": logger, "progress_bar": self.progress_bar}
-        data = stages.keep("demonstrations", lambda: source.collect(self.num), source.save, source.load)
-        clone = stages.keep_module("clone", lambda: (self._clone(data, **display, name=stages.label("clone")), {}))
+        data, clone = self._imitate(name, **display)
         reward, facts = stages.keep_module(
-            "ranking", lambda: self._rank(clone[0], **display, name=stages.label("reward")), label="reward"
+            "ranking", lambda: self._rank(clone, **display, name=stages.label("reward")), label="reward"
         )
-        clone, reasons = clone[0], []
+        reasons: list[str] = []
         if source.policy is None:
             judged, reasons = source.judge(clone, data)
             facts |= judged
@@ -303,8 +302,19 @@ class DREX:
             save_module(clone, directory / CLONE_FILE)
         return self._learned(name, reward, source.policy or clone, clone)
 
+    def clones(self) -> list[nn.Module]:
+        """The clone of each demonstrator, learned or taken from the cache."""
+        return [self._imitate(name, progress_bar=self.progress_bar)[1] for name in self.demonstrations]
+
+    def _imitate(self, name: str, **display: Any) -> tuple[TensorDict, nn.Module]:
+        """Demonstrations ``[N]`` of an objective, and a clone of who drove them."""
+        source, stages = self.demonstrations[name], self.stages[name]
+        data = stages.keep("demonstrations", lambda: source.collect(self.num), source.save, source.load)
+        label = stages.label("clone")
+        return data, stages.keep_module("clone", lambda: (self._clone(data, **display, name=label), {}))[0]
+
     def restore(self, directory: Path) -> dict[str, LearnedReward]:
-        """The rewards that :meth:`learn` left in a run directory.
+        """The rewards that :meth:`learn` left in a run directory; without clones where they are missing and not asked.
 
         Raises:
             FileNotFoundError: if one is missing.
@@ -313,14 +323,11 @@ class DREX:
         return {name: self._restore(name, place(directory, name)) for name in self.demonstrations}
 
     def _restore(self, name: str, directory: Path) -> LearnedReward:
-        policy, file, origin = (
-            self.demonstrations[name].policy,
-            directory / REWARD_FILE,
-            self.stages[name].origin("ranking"),
-        )
+        policy, origin = self.demonstrations[name].policy, self.stages[name].origin("ranking")
+        file, imitator = directory / REWARD_FILE, directory / CLONE_FILE
         if origin is not None and read_facts(file).get("origin") != origin:
             raise ValueError(f"{file} was learned by another config than that of this run.")
-        clone = load_module(directory / CLONE_FILE)
+        clone = None if policy is not None and not imitator.is_file() else load_module(imitator)
         return self._learned(name, load_module(file), policy or clone, clone)
 
     def _learned(self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module | None) -> LearnedReward:

@@ -1,27 +1,21 @@
-"""``morlnav-record FOLDER``: demonstrate by driving the robot, or import what others drove."""
+"""Demonstrating by driving the robot in a window."""
 
 from __future__ import annotations
 
-import argparse
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
-from hydra import compose, initialize_config_dir
 from tensordict import TensorDict
 from torch import Tensor
 
-from morlnav.cli import conf_dir, one_sentence_errors, quiet
 from morlnav.navigation.demonstrations.folder import load_demonstrations, save_demonstrations
 from morlnav.navigation.demonstrations.record import as_episodes
-from morlnav.navigation.demonstrations.trajectories import import_demonstrations
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.world import Scene, World
 from morlnav.navigation.world.geometry import polar
-from morlnav.trainers.builders import build
 
 if TYPE_CHECKING:
     import pygame
@@ -201,51 +195,3 @@ def add_demonstrations(data: TensorDict, path: Path, source: str) -> int:
     unfinished.rename(path)
     shutil.rmtree(replaced, ignore_errors=True)
     return int(data["episode"].max()) + 1
-
-
-def main() -> None:
-    """Entry point."""
-    quiet()
-    parser = argparse.ArgumentParser(prog="morlnav-record", description=__doc__.split(": ", 1)[1])
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of demonstrations; new ones are added")
-    parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="as of morlnav-train, of world and env")
-    parser.add_argument("--import", dest="file", type=Path, metavar="FILE", help="a .csv or .npz file of trajectories")
-    parser.add_argument("--seed", type=int, default=0, help="of the scenes")
-    parser.add_argument("--size", type=int, nargs=2, default=(1000, 700), help="of the window in pixels")
-    args = parser.parse_intermixed_args()
-    with one_sentence_errors():
-        with initialize_config_dir(conf_dir(), version_base="1.3"):
-            cfg = compose("train", args.overrides)
-        args.folder.parent.mkdir(parents=True, exist_ok=True)
-        world = build(cfg.world, device="cpu")
-        if args.file is not None:
-            data = import_demonstrations(args.file, world=world)
-            total = add_demonstrations(data, args.folder, args.file.name)
-        else:
-            total = _drive(world, build(cfg.env.scenes), args.folder, args.seed, tuple(args.size))
-        print(f"{args.folder} holds {total} demonstrations." if total else "Nothing was demonstrated.")
-
-
-def _drive(world: World, scenes: Callable[..., Scene], folder: Path, seed: int, size: tuple[int, int]) -> int:
-    try:
-        from morlnav.navigation.demonstrations.window import SceneWindow
-    except ImportError:
-        sys.exit("morlnav-record draws with pygame; install it with: pip install 'morlnav[record]'")
-    total = 0
-
-    def keep(episode: TensorDict) -> None:
-        nonlocal total
-        total = add_demonstrations(episode, folder, "driven by hand")
-
-    if folder.exists() and any(folder.iterdir()):
-        load_demonstrations(folder)  # refuse a folder of anything else before somebody drives
-    window = SceneWindow(world, size)
-    try:
-        Recorder(world, scenes, keep, window, seed).run()
-    finally:
-        window.close()
-    return total
-
-
-if __name__ == "__main__":
-    main()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -132,7 +131,7 @@ def record_demonstrations(
     generator = torch.Generator().manual_seed(seed)
 
     def attempt(batch: int, tries: int) -> TensorDict:
-        env = NavigationEnv(copy.copy(world), sampler, objectives, num_envs=batch, seed=seed)
+        env = NavigationEnv(world, sampler, objectives, num_envs=batch, seed=seed)
         pushes = None if disturbance is None else disturbance.sample(max_steps, batch, generator=generator)
         with eval_mode(policy):
             return roll_out(policy, env, sampler(batch, device=env.device, generator=generator), pushes, max_steps)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from pathlib import Path
 
@@ -108,7 +107,7 @@ def replay_demonstrations(
     def attempt(batch: int, tries: int) -> TensorDict:
         turn = [episodes[(tries + i) % len(episodes)] for i in range(batch)]
         scene = _among_boxes(turn, sampler(len(turn), device=torch.device("cpu"), generator=generator), world)
-        env = NavigationEnv(copy.copy(world), lambda *_, scene=scene, **__: scene, num_envs=len(turn), seed=seed)
+        env = NavigationEnv(world, lambda *_, scene=scene, **__: scene, num_envs=len(turn), seed=seed)
         return _replay(turn, env, scene)
 
     return keep_successes(attempt, num, num_envs, "replays touched no box", "take fewer boxes")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -67,7 +66,7 @@ def import_demonstrations(
         >>> data["action"][0], bool(data["next", "outcome", "goal"][-1])
         (tensor([0.5000, 0.0000]), True)
     """
-    world = copy.copy(world) if world is not None else TensorWorld()
+    world = world if world is not None else TensorWorld()
     file = read_trajectories(path)
     samples = [np.flatnonzero(file.episode == number) for number in range(file.episode.max() + 1)]
     tracks = [_track(file, rows, number, world) for number, rows in enumerate(samples)]
@@ -77,7 +76,7 @@ def import_demonstrations(
     if file.kind == "pose":
         for i, track in enumerate(tracks):
             padded["pose"][i, len(track["pose"]) :] = track["pose"][-1]
-        driver = _Follow(world, padded["pose"], pad_sequence([track["duration"] for track in tracks], True))
+        driver = _Follow(env.world, padded["pose"], pad_sequence([track["duration"] for track in tracks], True))
     else:
         driver = OpenLoop(padded["action"])
     steps = padded["action"].shape[1]

@@ -158,9 +158,9 @@ def test_however_it_ends_what_arrived_is_saved(end, tmp_path, monkeypatch, capsy
     monkeypatch.setattr(sys, "argv", ["morlnav-record", str(tmp_path / "mine"), "--size", "300", "200"])
     if end == "crash":
         with pytest.raises(SystemExit, match="Interrupted"):
-            drive.main()
+            record.main()
     else:
-        drive.main()
+        record.main()
         assert "mine holds 2 demonstrations" in capsys.readouterr().out
     data = load_demonstrations(tmp_path / "mine")
     assert data["episode"].unique().tolist() == [0, 1]
@@ -188,12 +188,12 @@ def test_a_file_is_imported_by_one_command(tmp_path, monkeypatch, capsys):
     export_demonstrations(data, tmp_path / "drives.csv")
     words = ["morlnav-record", str(tmp_path / "mine"), "--import", str(tmp_path / "drives.csv"), "env.num_envs=4"]
     monkeypatch.setattr(sys, "argv", words)
-    drive.main()
+    record.main()
     assert "mine holds 2 demonstrations" in capsys.readouterr().out
     assert len(load_demonstrations(tmp_path / "mine")) == len(data)
     (tmp_path / "drives.csv").write_text("x,y\n1,2\n")
     with pytest.raises(SystemExit, match=r"drives\.csv: expected columns x, y, heading or v, omega, got neither"):
-        drive.main()
+        record.main()
 
 
 def test_other_events_are_let_pass(window):

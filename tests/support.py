@@ -1,30 +1,29 @@
 """Composing configs as the command line does, for several tests."""
 
-import torch
 from hydra import compose, initialize_config_dir
 
 from morlnav.cli import conf_dir
-from morlnav.record.loggers import TensorboardCSVLogger
-from morlnav.trainers import make_trainer
+from morlnav.runs import make_training
 
 ANALYTICAL = "objectives=[baseline,distance,efficiency]"
+DEMONSTRATED = "objectives=[baseline,demo,distance,efficiency]"
 SMALL = (
     "trainer=smoke",
     "threads=1",
     "trainer.progress_bar=false",
-    "networks.actor.num_cells=32",
-    "networks.critic.num_cells=32",
-    "replay.capacity=4096",
+    "actor.num_cells=32",
+    "critic.num_cells=32",
+    "replay.storage.max_size=4096",
 )
 
 BRIEF = (  # episodes and rewards of a run with demonstrations
     "env.scenes.distance=[5,6]",
-    "env.max_steps=100",
-    "demonstrations.num=4",
-    "demonstrations.num_envs=8",
-    "ranking.episodes=2",
-    "ranking.members=[[observation],[observation,action]]",
-    "audit.scenes=2",
+    "transforms.time_limit.max_steps=100",
+    "rewards.num=4",
+    "rewards.ranking.episodes=2",
+    "rewards.ranking.held_out=0.5",
+    "rewards.ranking.members=[[observation],[observation,action]]",
+    "rewards.audit.num_scenes=2",
     "evaluation.episodes=2",
     "evaluation.steps=1",
 )
@@ -38,7 +37,7 @@ def configure(*overrides):
         return compose("train", [*SMALL, *overrides])
 
 
-def trainer_for(cfg, directory):
-    """The seeded trainer of a config."""
-    torch.manual_seed(cfg.seed)
-    return make_trainer(cfg, directory, TensorboardCSVLogger("logs", directory))
+def trainer_for(cfg, directory, learned=None):
+    """The seeded trainer of a config, with the rewards that were learned for it."""
+    training = make_training(cfg)
+    return training.make_trainer(directory, learned, training.make_logger(directory))

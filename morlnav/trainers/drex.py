@@ -204,11 +204,13 @@ class LearnedReward:
         transform: pays for it in an environment.
         demonstrator: who drives as demonstrated, from observations ``[B, D]`` to actions ``[B, A]``.
         clone: the network that imitates the demonstrator.
+        demonstrations: transitions ``[N]`` that it was learned from; ``None`` where it was restored.
     """
 
     transform: DemonstrationReward
     demonstrator: Policy | None = None
     clone: nn.Module | None = None
+    demonstrations: TensorDict | None = None
 
 
 class DREX:
@@ -300,7 +302,7 @@ class DREX:
         if directory is not None:
             save_module(reward, directory / REWARD_FILE, {**facts, "origin": stages.origin("ranking")})
             save_module(clone, directory / CLONE_FILE)
-        return self._learned(name, reward, source.policy or clone, clone)
+        return self._learned(name, reward, source.policy or clone, clone, data)
 
     def clones(self) -> list[nn.Module]:
         """The clone of each demonstrator, learned or taken from the cache."""
@@ -330,9 +332,12 @@ class DREX:
         clone = None if policy is not None and not imitator.is_file() else load_module(imitator)
         return self._learned(name, load_module(file), policy or clone, clone)
 
-    def _learned(self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module | None) -> LearnedReward:
+    def _learned(
+        self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module, data: TensorDict | None = None
+    ) -> LearnedReward:
         entry = self.live["num_static"] + self.names.index(name)
-        return LearnedReward(DemonstrationReward(reward, self.scale, self.offset, entry, name), demonstrator, clone)
+        transform = DemonstrationReward(reward, self.scale, self.offset, entry, name)
+        return LearnedReward(transform, demonstrator, clone, data)
 
     def untrained(self) -> dict[str, LearnedReward]:
         """Rewards of nothing, to try whether everything else fits."""

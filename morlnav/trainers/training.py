@@ -212,7 +212,7 @@ class Training:
             components={"average": stepper.average, **rollout},
         )
         live |= {"policy": stepper.average.module, "loss": loss, "exploration": noise, "trainer": trainer}
-        live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned)}
+        live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned), "learned": learned}
         StopDivergence().register(trainer)  # before all that looks at what was learned
         for name, part in self.hooks.items():
             supply(part, **live).register(trainer, name)

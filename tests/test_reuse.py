@@ -23,7 +23,7 @@ def gradients_reach(module):
 
 
 def test_configs_compose_an_environment_with_preferences():
-    rollout = run("By config, in TorchRL's trainers")["rollout"]
+    rollout = run("By config")["rollout"]
     assert rollout["next", "reward"].shape == (4, 3, 3)
     assert rollout["preference"].shape == (4, 3, 2)
 

@@ -24,8 +24,8 @@ CONFIG_INTRO = """# Config reference
 
 `morlnav-train GROUP=CHOICE` swaps a part, `KEY=VALUE` changes a value. Every key has the name of the argument that it
 fills, of what `_target_` names. Below each file stand these arguments, with the file's value and the constructor's own
-default; what has neither is a live object, handed over by the program. `morlnav-train --cfg job` prints the whole config
-of a run, `morlnav-train GROUP=CHOICE --cfg job` that of another.
+default; what has neither is a live object, handed over by the program. `morlnav-train --cfg job` prints the whole
+config of a run, `morlnav-train GROUP=CHOICE --cfg job` that of another.
 
 | group | fills | choices, the default one in bold |
 | :-- | :-- | :-- |

@@ -1,4 +1,4 @@
-"""Writes the tables of README.md and docs/results.md anew, from what runs left in results/: ``python docs/tables.py``."""
+"""Writes the tables of README.md and docs/results.md anew, from what runs left: ``python docs/tables.py``."""
 
 from __future__ import annotations
 

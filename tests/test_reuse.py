@@ -65,3 +65,9 @@ def test_scalar_sac_learns_on_the_linearised_reward():
     (names["losses"]["loss_actor"] + names["losses"]["loss_qvalue"]).backward()
     assert gradients_reach(names["loss"].actor_network_params)
     assert gradients_reach(names["loss"].qvalue_network_params)
+
+
+def test_gymnasium_finds_the_environment():
+    names = run("The environment in Gymnasium")
+    assert names["reward"].shape == (3,)
+    assert names["envs"].num_envs == 1024

@@ -25,7 +25,7 @@ class RewardAudit:
         plans: scenes to plan the reward's best path in; 0 plans none.
         bare: take the boxes out of every second planned scene.
         world: the engine.
-        scenes: draws the scenes.
+        scenes: draws them.
         observe_human: whether the reward sees the human's position.
         max_steps: time limit of an episode.
         seed: of noise and bootstrap.

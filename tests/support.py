@@ -1,5 +1,6 @@
 """Composing configs as the command line does, for several tests."""
 
+import torch
 from hydra import compose, initialize_config_dir
 
 from morlnav.cli import conf_dir

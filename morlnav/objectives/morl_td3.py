@@ -101,7 +101,7 @@ class MORLTD3Loss(VectorActorCriticLoss):
         loss_function: Literal["l2", "l1", "smooth_l1"] = "l2",
         pessimism: float = 0.5,
         scalarisation: nn.Module | None = None,
-        terms: Mapping[str, LossTerm] | None = None,
+        terms: Mapping[str, LossTerm | None] | None = None,
         return_bounds: nn.Module | None = None,
     ) -> None:
         if loss_function not in LOSS_FUNCTIONS:

@@ -236,7 +236,7 @@ class DREX:
 
     def __init__(
         self,
-        demonstrations: Mapping[str, Demonstrations],
+        demonstrations: Mapping[str, Demonstrations | None],
         clone: Cloning,
         ranking: Ranking,
         audit: Any = None,

@@ -12,9 +12,9 @@ import gymnasium
 import torch
 from omegaconf import DictConfig
 
-from morlnav.benchmarks import neighbours
-from morlnav.benchmarks.recipes import filled_trainer, recipe
-from morlnav.benchmarks.timing import Contender, Effort, Row, race
+from benchmarks.peers import libraries
+from benchmarks.recipes import filled_trainer, recipe
+from benchmarks.timing import Contender, Effort, Row, race
 from morlnav.navigation.envs import ENV_ID
 
 TITLE = "Whole training: driving and learning in turns"
@@ -30,19 +30,19 @@ RECIPES = {"morlnav, default recipe": (), "the paper's literal recipe": ("recipe
 def measure(effort: Effort) -> list[Row]:
     """Race the recipes, and CAPQL."""
     configs = {name: recipe(effort, *overrides) for name, overrides in RECIPES.items()}
-    ratios = {name: cfg.trainer.optim_steps_per_batch / cfg.trainer.frames_per_batch for name, cfg in configs.items()}
+    ratios = {name: cfg.trainer.optim_steps_per_batch / cfg.collector.frames_per_batch for name, cfg in configs.items()}
     contenders = [
         Contender(
             name,
             partial(training, cfg),
-            cfg.trainer.frames_per_batch,
-            f"{cfg.env.num_envs} environments, {ratios[name]:g} updates per step",
+            cfg.collector.frames_per_batch,
+            f"{cfg.env.num_envs} environments, updates per step: {ratios[name]:g}",
         )
         for name, cfg in configs.items()
     ]
-    name, note = "morl-baselines CAPQL", "1 environment, 1 update per step"
+    name, note = "morl-baselines CAPQL", "1 environment, updates per step: 1"
     ratios[name] = 1.0
-    learner = partial(neighbours.capql_training, gymnasium.make(ENV_ID), effort.device)
+    learner = partial(libraries.capql_training, gymnasium.make(ENV_ID), effort.device)
     contenders.append(Contender(name, learner, note=note, peer=True))
     rows = race("training", "environment steps", "steps/s", contenders, effort)
     rows += [
@@ -62,7 +62,7 @@ def _beside_a_busy_process(cfg: DictConfig, effort: Effort) -> list[Row]:
 
         return run
 
-    names, frames = ("morlnav, 1 thread", "morlnav, 2 threads"), cfg.trainer.frames_per_batch
+    names, frames = ("morlnav, 1 thread", "morlnav, 2 threads"), cfg.collector.frames_per_batch
     contenders = [Contender(name, partial(with_threads, number), frames) for number, name in enumerate(names, 1)]
     threads = torch.get_num_threads()
     with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as busy:

@@ -6,9 +6,9 @@ import sys
 
 import numpy as np
 
-from morlnav.benchmarks.learner import random_rows
-from morlnav.benchmarks.recipes import filled_trainer, recipe
-from morlnav.benchmarks.timing import Effort, Row
+from benchmarks.learner import random_rows
+from benchmarks.recipes import filled_trainer, recipe
+from benchmarks.timing import Effort, Row
 
 TITLE = "Memory: bytes per transition in the replay buffer"
 NOTES = """4 objectives, 3 of them tuneable, 34 observed numbers. morlnav: the storage of the trainer that
@@ -18,7 +18,7 @@ its end. CAPQL keeps arrays in a tuple; PD-MORL (estimated alike) keeps each tra
 
 def measure(effort: Effort) -> list[Row]:
     """Weigh the storages."""
-    cfg = recipe(effort, "replay.capacity=10000")
+    cfg = recipe(effort, "replay.storage.max_size=10000")
     trainer, _ = filled_trainer(cfg, 1)
     storage = trainer.replay_buffer.storage
     observation, action, reward, preference, flag = 34, 2, 4, 3, 1
@@ -31,7 +31,7 @@ def measure(effort: Effort) -> list[Row]:
         "PD-MORL": 4 * entry,
     }
     return [
-        Row("memory", "per transition", name, "bytes", [float(size)], less_is_better=True)
+        Row("memory", "per transition", name, "bytes", [float(size)], less_is_better=True, ours=name == "morlnav")
         for name, size in sizes.items()
     ]
 

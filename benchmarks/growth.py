@@ -9,17 +9,15 @@ from multiprocessing import get_context
 
 import torch
 from omegaconf import DictConfig, open_dict
-from torch import nn
+from torch import Tensor
 
-from morlnav.benchmarks.learner import EXACT, PLAIN, SHAPES, action_limits, optimisation, random_rows
-from morlnav.benchmarks.minimal_td3 import MinimalTD3
-from morlnav.benchmarks.recipes import ANALYTICAL, recipe
-from morlnav.benchmarks.simulation import drive, engines
-from morlnav.benchmarks.stacked_td3 import StackedTD3
-from morlnav.benchmarks.timing import Contender, Effort, Row, race
+from benchmarks.learner import EXACT, PLAIN, SHAPES, minimal, optimisation, random_rows
+from benchmarks.peers.stacked_td3 import StackedTD3
+from benchmarks.recipes import ANALYTICAL, Networks, networks, recipe
+from benchmarks.simulation import drive, engines
+from benchmarks.timing import Contender, Effort, Row, race
 from morlnav.cli import keep_freed_memory
 from morlnav.navigation.world import SceneSampler
-from morlnav.trainers.builders import make_base_env, make_networks
 
 TITLE = "Cost as the work grows"
 NOTES = """Updates as in the learner's *plain* row with more objectives; steps of 64 environments with more boxes;
@@ -35,7 +33,7 @@ def measure(effort: Effort) -> list[Row]:
     frames = 1000 if effort.quick else 10_000
     rows = []
     for count in OBJECTIVES[:2] if effort.quick else OBJECTIVES:
-        cfg = with_objectives(recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, EXACT, "evaluation.during.steps=1"), count)
+        cfg = with_objectives(recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, EXACT), count)
         learner = Contender("morlnav, plain", partial(optimisation, cfg, frames), cfg.trainer.optim_steps_per_batch)
         rows += race("growth", f"{count} objectives", "updates/s", [learner], effort, size=count)
     for count in OBSTACLES[:2] if effort.quick else OBSTACLES:
@@ -50,33 +48,34 @@ def measure(effort: Effort) -> list[Row]:
         rows += race("growth", f"{count} boxes", "steps/s", contenders, effort, size=count)
     for count in SEEDS[:2] if effort.quick else SEEDS:
         contenders = [
-            Contender("one seed after the other", partial(_one_by_one, effort, count), count),
-            Contender("stacked under vmap", partial(_stacked, effort, count), count),
+            Contender("one seed after the other", partial(_one_by_one, effort, count), count, ours=False),
+            Contender("stacked under vmap", partial(_stacked, effort, count), count, ours=False),
         ]
         if 1 < torch.get_num_threads() <= count and effort.device == "cpu":
-            contenders.append(Contender("in processes", partial(_in_processes, effort, count), count * TURNS))
+            contenders.append(
+                Contender("in processes", partial(_in_processes, effort, count), count * TURNS, ours=False)
+            )
         rows += race("growth", f"{count} seeds", "updates/s", contenders, effort, size=count)
     return rows
 
 
-def _learners(effort: Effort, count: int) -> tuple[list[tuple[nn.Module, list[nn.Module]]], tuple[object, ...]]:
-    """Networks of every seed, and what all share."""
+def _learners(effort: Effort, count: int) -> tuple[list[Networks], dict[str, Tensor]]:
+    """Networks of every seed, and the transitions that all learn from."""
     cfg = recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, EXACT)
-    env = make_base_env(cfg, num_envs=1)
-    rows = random_rows(10_000, len(env.rewards), effort.device)
-    return [make_networks(cfg, env) for _ in range(count)], (rows, *action_limits(env), len(env.objectives))
+    parts = [networks(cfg) for _ in range(count)]
+    return parts, random_rows(10_000, parts[0].num_rewards, effort.device)
 
 
 def _one_by_one(effort: Effort, count: int) -> Callable[[], object]:
-    networks, shared = _learners(effort, count)
-    learners = [MinimalTD3(*pair, *shared) for pair in networks]
+    parts, rows = _learners(effort, count)
+    learners = [minimal(one, rows) for one in parts]
     return lambda: [learner.step() for learner in learners]
 
 
 def _stacked(effort: Effort, count: int) -> Callable[[], object]:
-    networks, shared = _learners(effort, count)
-    actors, critics = zip(*networks, strict=True)
-    return StackedTD3(list(actors), list(critics), *shared).step
+    parts, rows = _learners(effort, count)
+    actors, critics = [one.actor for one in parts], [one.critics for one in parts]
+    return StackedTD3(actors, critics, rows, *parts[0].limits, parts[0].num_objectives).step
 
 
 def _in_processes(effort: Effort, count: int) -> Callable[[], object]:
@@ -105,9 +104,10 @@ def _room_for(boxes: int) -> dict[str, object]:
 
 def with_objectives(cfg: DictConfig, count: int) -> DictConfig:
     """The config with ``count`` objectives: the baseline, distance, efficiency, and copies of the last."""
-    names = list(cfg.objectives)
+    terms = cfg.env.objectives
+    names = list(terms)
     with open_dict(cfg):
-        cfg.objectives = {name: cfg.objectives[name] for name in names[:count]} | {
-            f"objective_{index}": cfg.objectives[names[-1]] for index in range(len(names), count)
+        cfg.env.objectives = {name: terms[name] for name in names[:count]} | {
+            f"objective_{index}": terms[names[-1]] for index in range(len(names), count)
         }
     return cfg

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.func import functional_call, grad, stack_module_state, vmap
 from torch.nn import functional as F
 
-from morlnav.benchmarks.minimal_td3 import MinimalTD3
+from benchmarks.peers.minimal_td3 import MinimalTD3
 
 Params = dict[str, Tensor]
 

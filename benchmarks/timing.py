@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,9 @@ class Effort:
         device: where the contenders work.
         batches: batch sizes of the environments.
         quick: small sizes and no peers, to try the benchmark itself.
+
+    Raises:
+        ValueError: for numbers with which nothing would be measured.
     """
 
     rounds: int = 5
@@ -30,6 +34,13 @@ class Effort:
     device: str = "cpu"
     batches: Sequence[int] = (1, 3, 64, 1024, 8192)
     quick: bool = False
+
+    def __post_init__(self) -> None:
+        if self.rounds < 1 or not 0 <= self.seconds < math.inf or min(self.batches) < 1:
+            raise ValueError(
+                "Needed are rounds >= 1, seconds >= 0 and batches >= 1, got "
+                f"{self.rounds}, {self.seconds:g} and {', '.join(map(str, self.batches))}."
+            )
 
 
 @dataclass(frozen=True)
@@ -42,13 +53,15 @@ class Contender:
             missing, :class:`NotAvailable` where it cannot run.
         work: units of work that one call does, such as environment steps.
         note: what a reader must know to compare.
-        peer: not ours; a quick try leaves it out.
+        ours: morlnav itself.
+        peer: of others; a quick try leaves it out.
     """
 
     name: str
     build: Callable[[], Callable[[], object]]
     work: float = 1.0
     note: str = ""
+    ours: bool = True
     peer: bool = False
 
 
@@ -65,6 +78,7 @@ class Row:
         note: for the reader.
         size: the case's size, where a group runs through several.
         less_is_better: for bytes and seconds.
+        ours: whether it is morlnav that was measured, and not a peer or a limit.
     """
 
     group: str
@@ -75,6 +89,7 @@ class Row:
     note: str = ""
     size: float | None = None
     less_is_better: bool = False
+    ours: bool = True
 
 
 def race(
@@ -107,7 +122,7 @@ def race(
             if step is not None:
                 rates.append(calls * contender.work / duration(step, calls, effort.device))
     return [
-        Row(group, case, contender.name, unit, rates, note, size)
+        Row(group, case, contender.name, unit, rates, note, size, ours=contender.ours and not contender.peer)
         for (contender, _, _, note), rates in zip(runners, values, strict=True)
     ]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from morlnav.benchmarks.timing import Effort, duration
+from benchmarks.timing import Effort, duration
 
 
 def update_flops(actor: nn.Module, critic: nn.Module, batch_size: int, policy_update_delay: int = 2) -> float:

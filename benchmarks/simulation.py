@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from morlnav.benchmarks.timing import Contender, Effort, NotAvailable, Row, race
+from benchmarks.timing import Contender, Effort, NotAvailable, Row, race
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.world import PymunkWorld, SceneSampler, TensorWorld, World
 from morlnav.navigation.world.pymunk import ROBOT_FILTER

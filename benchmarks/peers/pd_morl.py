@@ -23,7 +23,7 @@ class PDMORL:
     Args:
         actor: maps observations and preferences to actions.
         critics: two modules from observations, preferences and actions to vectors of values.
-        rows: as for :class:`~morlnav.benchmarks.minimal_td3.MinimalTD3`.
+        rows: as for :class:`~benchmarks.peers.minimal_td3.MinimalTD3`.
         low: least action.
         high: largest action.
         batch_size: transitions per update.

@@ -1,4 +1,4 @@
-"""``morlnav-benchmark``: measure morlnav side by side with its peers and with the machine's limit."""
+"""``python -m benchmarks``: measure morlnav side by side with its peers and with the machine's limit."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 
 import torch
 
-from morlnav.benchmarks import growth, learner, memory, quality, simulation, table, training
-from morlnav.benchmarks.timing import Effort, Row
-from morlnav.cli import keep_freed_memory, one_sentence_errors, quiet
+from benchmarks import growth, learner, memory, quality, simulation, table, training
+from benchmarks.timing import Effort, Row
+from morlnav.cli import keep_freed_memory, one_sentence_errors, quiet, set_threads
 
 GROUPS = {"simulation": simulation, "learner": learner, "training": training, "growth": growth, "memory": memory}
 """Groups of rows, each a module with ``TITLE``, ``NOTES`` and ``measure``."""
@@ -58,29 +58,46 @@ def _processor() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def main() -> None:
+def check(groups: list[str], devices: list[str], runs: list[Path]) -> None:
+    """Refuse what could not be measured, before anything is.
+
+    Raises:
+        ValueError: for a group or a device that there is not.
+        FileNotFoundError: for a run directory that is none.
+    """
+    unknown = [name for name in groups if name not in GROUPS]
+    if unknown:
+        raise ValueError(f"There is no group {', '.join(unknown)}; choose from: {', '.join(GROUPS)}.")
+    for name in devices:
+        try:
+            torch.device(name)
+        except RuntimeError as error:
+            raise ValueError(f"There is no device {name}; such are cpu and cuda.") from error
+    quality.check(runs)
+
+
+def main(words: list[str] | None = None) -> None:
     """Entry point."""
     quiet()
-    parser = argparse.ArgumentParser(prog="morlnav-benchmark", description=__doc__.split(": ", 1)[1])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__.split(": ", 1)[1])
     parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"what to measure: {', '.join(GROUPS)}; default all")
     parser.add_argument("--batches", type=int, nargs="+", default=Effort.batches, help="numbers of environments")
     parser.add_argument("--rounds", type=int, default=Effort.rounds, help="turns of every contender")
     parser.add_argument("--seconds", type=float, default=Effort.seconds, help="least duration of a turn")
-    parser.add_argument("--threads", type=int, default=torch.get_num_threads(), help="threads of PyTorch")
+    parser.add_argument("--threads", type=int, help=f"of PyTorch; default {torch.get_num_threads()}, with --quick 1")
     parser.add_argument("--device", nargs="+", default=["cpu", "cuda"], help="where to measure")
     parser.add_argument("--runs", type=Path, nargs="*", default=[], help="run directories to time to the quality bar")
     parser.add_argument("--output", type=Path, default=Path("results/benchmarks"), help="where table and plot go")
     parser.add_argument("--quick", action="store_true", help="tiny sizes, to try the benchmark itself")
-    args = parser.parse_args()
-    unknown = [name for name in args.groups if name not in GROUPS]
-    if unknown:
-        parser.error(f"there is no group {', '.join(unknown)}; choose from: {', '.join(GROUPS)}")
-    torch.set_num_threads(args.threads)
-    keep_freed_memory()
-    effort = Effort(args.rounds, args.seconds, batches=args.batches)
-    if args.quick:
-        effort = Effort(rounds=2, seconds=0.02, batches=(1, 3), quick=True)
+    args = parser.parse_args(words)
     with one_sentence_errors():
+        effort = Effort(args.rounds, args.seconds, batches=args.batches)
+        check(args.groups, args.device, args.runs)
+        default = 1 if args.quick else torch.get_num_threads()
+        set_threads(default if args.threads is None else args.threads)
+        keep_freed_memory()
+        if args.quick:
+            effort = Effort(rounds=2, seconds=0.02, batches=(1, 3), quick=True)
         print(run(effort, args.groups or list(GROUPS), args.runs, args.device, args.output))
         print(f"Table and plot are in {args.output}")
 

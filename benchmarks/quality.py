@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
-from omegaconf import DictConfig
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from morlnav.benchmarks.timing import Row
-from morlnav.deployment.policy import load_config
-from morlnav.evaluation import preference_label
-from morlnav.trainers.builders import make_base_env
+from benchmarks.timing import Row
+from morlnav.evaluation.labels import preference_label, read_preference_label
+from morlnav.runs import load_config
 
 TITLE = "From an empty directory to the quality bar"
 NOTES = """Seconds from the start of `morlnav-train` until an evaluation on the way met every demand, and until the
@@ -21,6 +19,24 @@ first from which on all did: success of at least 99 %, at most 0.5 % collisions 
 preferences; at λ = distance a least distance to the human of at least 1.18 m; at λ = efficiency a time within 4 % of
 the shortest path's; at λ = demo a Fréchet distance of at most 0.41 m with the human on the right in at least 95 %.
 Demands on a style count where the run has that objective."""
+
+ALWAYS = {"success": (0.99, 1), "collision_human": (0, 0.005), "collision_box": (0, 0.005), "timeout": (0, 0.005)}
+STYLES = {
+    "distance": {"min_human_distance": (1.18, math.inf)},
+    "efficiency": {"time_ratio": (0, 1.04)},
+    "demo": {"frechet": (0, 0.41), "human_on_right": (0.95, 1)},
+}
+"""Lowest and highest allowed values: of all preferences together, and of the one that asks for a style alone."""
+
+
+def check(directories: Iterable[Path]) -> None:
+    """That these are run directories.
+
+    Raises:
+        FileNotFoundError: naming one that is none.
+    """
+    for directory in directories:
+        load_config(directory)
 
 
 def measure(runs: Sequence[Path]) -> list[Row]:
@@ -50,41 +66,41 @@ def times_to_bar(directory: str | Path) -> tuple[float, float]:
     Raises:
         FileNotFoundError: without events or evaluations.
     """
-    directory = Path(directory)
-    cfg = load_config(directory)
-    if not list((directory / "logs").glob("events.*")):
+    logs = Path(directory) / "logs"
+    if not list(logs.glob("events.*")):
         raise FileNotFoundError(f"{directory} has no TensorBoard events, which tell the times.")
-    events = EventAccumulator(str(directory / "logs"), size_guidance={"scalars": 0}).Reload()
-    demands = bar(cfg)
-    missing = [tag for tag in demands if f"evaluation/{tag}" not in events.Tags()["scalars"]]
+    events = EventAccumulator(str(logs), size_guidance={"scalars": 0}).Reload()
+    tags = events.Tags()["scalars"]
+    demands = bar(tags)
+    missing = [tag for tag in demands if tag not in tags]
     if missing:
-        raise FileNotFoundError(f"{directory} logged no evaluation/{missing[0]} while training.")
-    tags = {tag: events.Scalars(f"evaluation/{tag}") for tag in demands}
-    values = pd.DataFrame({tag: {event.step: event.value for event in scalars} for tag, scalars in tags.items()})
-    last = max(tags, key=lambda tag: tags[tag][-1].wall_time)  # the metric that is written last
-    seconds = pd.Series({event.step: event.wall_time - events.FirstEventTimestamp() for event in tags[last]})
+        raise FileNotFoundError(f"{directory} logged no {missing[0]} while training.")
+    scalars = {tag: events.Scalars(tag) for tag in demands}
+    values = pd.DataFrame({tag: {event.step: event.value for event in found} for tag, found in scalars.items()})
+    last = max(scalars, key=lambda tag: scalars[tag][-1].wall_time)  # the metric that is written last
+    seconds = pd.Series({event.step: event.wall_time - events.FirstEventTimestamp() for event in scalars[last]})
     return first_and_lasting(meets(values, demands), seconds)
 
 
-def bar(cfg: DictConfig) -> dict[str, tuple[float, float]]:
-    """Lowest and highest allowed value of every logged metric that the bar is about."""
-    env = make_base_env(cfg, num_envs=1)
-    corners = {
-        name: preference_label(env.objectives, [float(name == other) for other in env.objectives])
-        for name in env.objectives
-    }
-    demands = {"success": (0.99, 1), "collision_human": (0, 0.005), "collision_box": (0, 0.005), "timeout": (0, 0.005)}
-    if "distance" in corners:
-        demands[f"min_human_distance/{corners['distance']}"] = (1.18, math.inf)
-    if "efficiency" in corners:
-        demands[f"time_ratio/{corners['efficiency']}"] = (0, 1.04)
-    if "demo" in corners:
-        demands[f"frechet/{corners['demo']}"] = (0, 0.41)
-        demands[f"human_on_right/{corners['demo']}"] = (0.95, 1)
+def bar(tags: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Lowest and highest allowed value of every logged metric that the bar is about.
+
+    Args:
+        tags: of all logged metrics, whose labels tell what the objectives are.
+
+    Examples:
+        >>> list(bar(["evaluation/success/calm=0,distance=1"]))[-1]
+        'evaluation/min_human_distance/calm=0,distance=1'
+    """
+    objectives = next(filter(None, map(read_preference_label, tags)), {})
+    demands = {f"evaluation/{metric}": bounds for metric, bounds in ALWAYS.items()}
+    for name in objectives:
+        label = preference_label(objectives, [float(name == other) for other in objectives])
+        demands |= {f"evaluation/{metric}/{label}": bounds for metric, bounds in STYLES.get(name, {}).items()}
     return demands
 
 
-def meets(values: pd.DataFrame, demands: dict[str, tuple[float, float]]) -> pd.Series:
+def meets(values: pd.DataFrame, demands: Mapping[str, tuple[float, float]]) -> pd.Series:
     """Which evaluations, one per row, keep every metric within its bounds; a metric that is missing meets nothing."""
     return pd.concat([values[tag].between(low, high) for tag, (low, high) in demands.items()], axis=1).all(axis=1)
 

@@ -1,17 +1,15 @@
-"""From rows to a table: medians, quartiles and ratios as CSV, Markdown and a plot."""
+"""From rows to a table: medians, quartiles and ratios as CSV and Markdown, and the plot beside them."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from morlnav.benchmarks.timing import Row
+from benchmarks.plot import plot
+from benchmarks.timing import Row
 
 HEADING = "| case | contender | median | quartiles | unit | ratio | note |"
 TABLE_RULE = "| :-- | :-- | --: | --: | :-- | --: | :-- |"
@@ -50,6 +48,7 @@ def tabulate(rows: Iterable[Row]) -> pd.DataFrame:
                 "ratio": ratio,
                 "size": row.size,
                 "note": row.note,
+                "ours": row.ours,
             }
         )
     return pd.DataFrame(lines)
@@ -93,51 +92,6 @@ def number(value: float) -> str:
     ('0.0123', '7.4', '123,000')
     """
     return f"{float(f'{value:.3g}'):,.12g}"
-
-
-def plot(table: pd.DataFrame) -> Figure:
-    """A panel per group, unit and growing thing: lines over the size, or bars where there is one; with quartiles."""
-    measured = table[table["rounds"] > 0]
-    parts = list(measured.groupby(["group", "unit", measured["case"].map(_growing)], sort=False))
-    rows = max(1, math.ceil(len(parts) / 2))
-    figure = Figure(figsize=(13, 3.6 * rows), layout="constrained")
-    panels = figure.subplots(rows, 2, squeeze=False).flatten()
-    for axes, ((group, unit, _), part) in zip(panels, parts, strict=False):
-        draw = _lines if part["size"].nunique() > 1 else _bars
-        draw(axes, part)
-        axes.set_title(f"{group}: {unit}", loc="left", fontsize=10)
-        axes.grid(color="#e9eaec", lw=0.7)
-        axes.set_axisbelow(True)
-        axes.tick_params(labelsize=8)
-    for axes in panels[len(parts) :]:
-        axes.remove()
-    return figure
-
-
-def _lines(axes: Axes, part: pd.DataFrame) -> None:
-    for name, line in part.groupby("name", sort=False):
-        axes.errorbar(line["size"], line["median"], _spread(line), marker="o", ms=4, lw=1.4, label=name)
-    sizes = sorted(part["size"].unique())
-    axes.set(xscale="log", yscale="log", xlabel=_growing(part["case"].iloc[0]))
-    axes.set_xticks(sizes, [f"{size:g}" for size in sizes])
-    axes.minorticks_off()
-    axes.legend(fontsize=7, frameon=False)
-
-
-def _growing(case: str) -> str:
-    """What the number of a case counts: ``boxes`` of ``10 boxes``."""
-    return case.strip("0123456789 ")
-
-
-def _bars(axes: Axes, part: pd.DataFrame) -> None:
-    several = part["case"].nunique() > 1
-    labels = [f"{row['name']}, {row['case']}" if several else row["name"] for _, row in part.iterrows()]
-    axes.barh(labels, part["median"], xerr=_spread(part), color="#2b62d9", height=0.6)
-    axes.invert_yaxis()
-
-
-def _spread(part: pd.DataFrame) -> list[pd.Series]:
-    return [part["median"] - part["q1"], part["q3"] - part["median"]]
 
 
 def write(rows: Iterable[Row], directory: Path, headings: Mapping[str, tuple[str, str]], machine: str) -> str:

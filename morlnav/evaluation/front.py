@@ -61,8 +61,7 @@ def read_reference(
     numbers = isinstance(values, Sequence) and all(isinstance(value, (int, float)) for value in values)
     if not numbers or len(values) != len(rewards):
         raise ValueError(
-            f"reference needs {len(rewards)} numbers, for {', '.join(rewards)}, or numbers by name; "
-            f"got {given}."
+            f"reference needs {len(rewards)} numbers, for {', '.join(rewards)}, or numbers by name; got {given}."
         )
     return default.new_tensor(values)
 

@@ -102,8 +102,8 @@ class Settings:
 
         if changed := self.changed(counts):
             raise ValueError(
-                f"resume={self.cfg.resume}: defaults have changed since the run began ({'; '.join(changed)}); name these "
-                f"values on the command line to go on."
+                f"resume={self.cfg.resume}: defaults have changed since the run began ({'; '.join(changed)}); name "
+                f"these values on the command line to go on."
             )
 
     def refuse_to_change_a_finished_run(self) -> None:

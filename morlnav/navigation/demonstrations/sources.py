@@ -117,8 +117,8 @@ class RecordedFolder(NavigationDemonstrations):
 
     Args:
         path: of the folder.
-        replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise they
-            are taken as they are.
+        replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise
+            they are taken as they are.
         world: the engine.
         scenes: draws random scenes.
         observe_human: whether the human's position is recorded.

@@ -89,6 +89,7 @@ def accelerator(monkeypatch):
     monkeypatch.setattr(torch, "allclose", lambda *_, **__: True)
     monkeypatch.setattr(torch.Tensor, "random_", lambda tensor, *_, **__: tensor)
     monkeypatch.setattr(Scene, "check", lambda *_: None)
+    monkeypatch.setattr("morlnav.objectives.bounds.check_bounds", lambda *_: None)  # at the start, where it may wait
     monkeypatch.setattr(torch, "_sample_dirichlet", lambda chances, **_: torch.rand_like(chances))  # knows no fakes
     return FakeTensorMode(allow_non_fake_inputs=True)
 

@@ -1,29 +1,35 @@
 """A trained policy loads as a plain module, from weights alone, and from nobody's classes but our own."""
 
+import json
 import shutil
 from pathlib import Path
 
 import pytest
 import torch
-from omegaconf import OmegaConf
 from support import configure, trainer_for
 from torchrl.checkpoint import CheckpointRotation
 
 import morlnav
-from morlnav.deployment.policy import Policy
+from morlnav.deployment import Policy, save
+from morlnav.modules import Actor
 
 
 @pytest.fixture
 def copied_run(smoke_run, tmp_path):
-    for name in ("config.yaml", "policy.pt"):
+    for name in ("policy.json", "policy.pt"):
         shutil.copy(smoke_run / name, tmp_path)
     return tmp_path
 
 
-def change_config(directory, key, value):
-    cfg = OmegaConf.load(directory / "config.yaml")
-    OmegaConf.update(cfg, key, value)
-    OmegaConf.save(cfg, directory / "config.yaml")
+def change(directory, key, value):
+    """Write ``value`` to a dotted key of what the policy is."""
+    content = json.loads((directory / "policy.json").read_text())
+    *path, last = key.split(".")
+    part = content
+    for name in path:
+        part = part[name]
+    part[last] = value
+    (directory / "policy.json").write_text(json.dumps(content))
 
 
 def observations(*batch):
@@ -38,9 +44,9 @@ def test_a_policy_is_a_plain_module_in_evaluation_mode(smoke_run):
     assert policy.objectives == ("distance", "efficiency")
 
 
-def test_config_and_weights_are_all_that_driving_needs(tmp_path):
-    for name in ("config.yaml", "policy.pt"):
-        shutil.copy(Path(__file__).parents[1] / "results/default" / name, tmp_path)
+def test_two_files_are_all_that_driving_needs(tmp_path):
+    for name in ("policy.json", "policy.pt"):
+        shutil.copy(Path(__file__).parents[2] / "results/default" / name, tmp_path)
     policy = morlnav.load(tmp_path)
     assert policy.objectives == ("demo", "distance", "efficiency")
     assert policy(observations(2), torch.eye(3)[:2]).shape == (2, 2)
@@ -117,48 +123,17 @@ def test_a_policy_as_a_whole_can_be_exported(smoke_run):
     torch.testing.assert_close(torch.export.export(policy, inputs).module()(*inputs), policy(*inputs))
 
 
-@pytest.mark.parametrize(
-    "key", ["networks.actor._target_", "objectives.distance._target_", "objectives.baseline.terms", "world._target_"]
-)
+@pytest.mark.parametrize("key", ["model._target_", "model.features._target_"])
 def test_foreign_classes_are_refused_without_trust(copied_run, key):
-    value = [{"_target_": "os.system", "command": "exit"}] if key.endswith("terms") else "os.system"
-    change_config(copied_run, key, value)
+    change(copied_run, key, "os.system")
     with pytest.raises(ValueError, match=r"foreign class os\.system; if it is your own, load it with trust=True"):
         morlnav.load(copied_run)
 
 
-@pytest.mark.parametrize(
-    "target",
-    [
-        "morlnav.commands.train.subprocess.run",
-        "morlnav.deployment.policy.Path",
-        "torch.optim.adam.torch.load",
-        "morlnav.load",
-        "morlnav.trainers.ray.RayCollector",
-        "morlnav.record.loggers.TensorboardCSVLogger",
-    ],
-)
-def test_a_path_through_our_own_modules_to_foreign_code_is_refused(copied_run, target):
-    change_config(copied_run, "networks.features._target_", target)
+@pytest.mark.parametrize("target", ["morlnav.deployment.policy.Path", "torch.optim.adam.torch.load", "morlnav.load"])
+def test_only_modules_of_our_own_are_built(copied_run, target):
+    change(copied_run, "model.features._target_", target)
     with pytest.raises(ValueError, match="foreign class"):
-        morlnav.load(copied_run)
-
-
-@pytest.mark.parametrize("name", ["demo", "wide_left"])
-def test_a_style_of_its_own_brings_no_foreign_class(copied_run, name):
-    reward = {"_target_": "morlnav.navigation.envs.DemonstrationObjective", "reward": {"path": "reward.pt"}}
-    change_config(copied_run, f"objectives.{name}", reward)
-    change_config(copied_run, f"styles.{name}.demonstrations.policy._target_", "os.system")
-    with pytest.raises(ValueError, match=r"foreign class os\.system"):
-        morlnav.load(copied_run)
-
-
-def test_the_name_of_an_objective_leads_nowhere_else(copied_run):
-    cfg = OmegaConf.load(copied_run / "config.yaml")
-    cfg.objectives["a.b"] = {"_target_": "morlnav.navigation.envs.DemonstrationObjective"}
-    cfg.styles = {"a": {"b": {"demonstrations": {"policy": {"_target_": "os.system"}}}}}
-    OmegaConf.save(cfg, copied_run / "config.yaml")
-    with pytest.raises(ValueError, match=r"must be an identifier, got a\.b"):
         morlnav.load(copied_run)
 
 
@@ -169,33 +144,38 @@ def test_damaged_weights_are_named(copied_run, damage):
         morlnav.load(copied_run)
 
 
-def test_a_damaged_config_is_named(copied_run):
-    (copied_run / "config.yaml").write_text("objectives: [")
-    with pytest.raises(ValueError, match=r"config\.yaml is damaged"):
+def test_a_damaged_description_is_named(copied_run):
+    change(copied_run, "facts.objectives", "distance")
+    with pytest.raises(ValueError, match=r"policy\.json is damaged: it names no objectives"):
         morlnav.load(copied_run)
-
-
-def test_an_interpolation_cannot_make_up_a_class(copied_run):
-    change_config(copied_run, "networks.features", "${oc.decode:'{_target_: os.system, command: exit}'}")
-    with pytest.raises(ValueError, match="holds no interpolation"):
+    (copied_run / "policy.json").write_text("objectives: [")
+    with pytest.raises(ValueError, match=r"policy\.json does not describe a saved module"):
         morlnav.load(copied_run)
 
 
 def test_ones_own_classes_load_with_trust(copied_run, monkeypatch):
-    (copied_run / "my_networks.py").write_text("from morlnav.modules import Actor\n\n\nclass Mine(Actor):\n    pass\n")
+    (copied_run / "my_policy.py").write_text("from morlnav.modules import Actor\n\n\nclass Mine(Actor):\n    pass\n")
     monkeypatch.syspath_prepend(copied_run)
-    change_config(copied_run, "networks.actor._target_", "my_networks.Mine")
+    change(copied_run, "model._target_", "my_policy.Mine")
     policy = morlnav.load(copied_run, trust=True)
     assert isinstance(policy, Policy)
     assert type(policy.actor).__name__ == "Mine"
 
 
-@pytest.mark.parametrize(
-    ("missing", "sentence"),
-    [("config.yaml", "is not a run directory: it holds no config.yaml"), ("policy.pt", "the run has not finished")],
-)
-def test_a_missing_file_is_named_in_one_sentence(copied_run, missing, sentence):
-    (copied_run / missing).unlink()
-    with pytest.raises(FileNotFoundError, match=sentence) as error:
+def test_what_was_saved_comes_back(tmp_path):
+    actor = Actor(3, [-1.0], [1.0], features=5, depth=1, num_cells=8)
+    save(actor, ["fast", "safe", "calm"], tmp_path)
+    policy, inputs = morlnav.load(tmp_path), (torch.rand(4, 5), torch.tensor([0.5, 0.25, 0.25]))
+    assert policy.objectives == ("fast", "safe", "calm")
+    assert torch.equal(policy(*inputs), actor(inputs[0], inputs[1].expand(4, 3)))
+
+
+def test_a_missing_file_is_named_in_one_sentence(copied_run):
+    (copied_run / "policy.json").unlink()
+    with pytest.raises(
+        ValueError, match=r"^.* was made by morlnav 0\.1, which kept no policy\.json; train it again\.$"
+    ):
         morlnav.load(copied_run)
-    assert "\n" not in str(error.value)
+    (copied_run / "policy.pt").unlink()
+    with pytest.raises(FileNotFoundError, match=r"^.* holds no policy\.pt: no run has finished there\.$"):
+        morlnav.load(copied_run)

@@ -43,6 +43,9 @@ from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.workers import watched
 
+SENTENCES = "MORLNAV_SENTENCES"
+"""Set in the environment of this process and its workers where errors are to be one sentence, without a traceback."""
+
 
 def run(cfg: DictConfig, directory: Path) -> Run | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the run, or ``None`` if interrupted."""
@@ -164,13 +167,10 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     path.write_text(json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
 
 
-_errors = nullcontext
-"""What turns errors of a job into one sentence, once :func:`main` has said so."""
-
-
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
-    with _errors():  # here, for Hydra would print a line of its own first
+    # Here too, for Hydra would add a line of its own to an error that leaves this function.
+    with one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
         refuse_repeated_choices(HydraConfig.get().overrides.task)
         finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
     if finished is None:
@@ -185,9 +185,8 @@ def main() -> None:
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     if "HYDRA_FULL_ERROR" in os.environ:  # a developer wants the traceback
         return _run_words()
-    global _errors
-    _errors = one_sentence_errors
-    with env_override({"HYDRA_FULL_ERROR": "1"}), one_sentence_errors():  # errors reach us instead of Hydra's report
+    # Errors reach us instead of Hydra's report.
+    with env_override({"HYDRA_FULL_ERROR": "1", SENTENCES: "1"}), one_sentence_errors():
         _run_words()
 
 

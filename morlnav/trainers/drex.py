@@ -141,7 +141,7 @@ class Ranking:
         temperature: float = 10.0,
         batch_size: int = 160,
         held_out: float = 0.1,
-        members: Sequence[Sequence[str]] = (("observation", "action"),),
+        members: Sequence[Sequence[str]] = (("observation",),) * 3 + (("observation", "action"),) * 3,
         reduce: Literal["mean", "pessimistic"] = "pessimistic",
         normalise: bool = True,
     ) -> None:

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 from torchrl.record.loggers import Logger
 
-from morlnav.config import Part, supply
+from morlnav.config import Part, classes, supply
 from morlnav.data import SnippetPairs, roll_out_ranked
 from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, read_facts, save_module
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
@@ -269,9 +269,15 @@ class DREX:
         self.scale, self.offset, self.seed = scale, offset, seed
         self.make_env, self.progress_bar = make_env, progress_bar
         self.live = live_objects(make_env(num_envs=1)) | {"max_steps": max_steps}
+        self.trust = {*classes(clone.actor), *classes(ranking.model)}
         self.stages = {
             name: Cache(
-                cache, config and _of_one(config, name, source.key), seed, progress_bar, name if name != "demo" else ""
+                cache,
+                config and _of_one(config, name, source.key),
+                seed,
+                progress_bar,
+                name if name != "demo" else "",
+                self.trust,
             )
             for name, source in self.demonstrations.items()
         }
@@ -340,8 +346,8 @@ class DREX:
         )
         if origin is not None and read_facts(file).get("origin") != origin:
             raise ValueError(f"{file} was learned by another config than that of this run.")
-        clone = load_module(directory / CLONE_FILE)
-        return self._learned(name, load_module(file), policy or clone, clone)
+        clone = load_module(directory / CLONE_FILE, trust=self.trust)
+        return self._learned(name, load_module(file, trust=self.trust), policy or clone, clone)
 
     def _learned(self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module | None) -> LearnedReward:
         entry = self.live["num_static"] + self.names.index(name)

@@ -35,7 +35,7 @@ class AfterstateFeatures(nn.Module):
         >>> features.predict(torch.tensor([3.0, 0.0, 1.5, 0.0]), features.motion(torch.tensor([0.5, 0.0])))
         tensor([2.9000, 0.0000, 1.4000, 0.0000])
         >>> features(torch.zeros(5, 34), torch.zeros(5, 2)).shape
-        torch.Size([5, 32])
+        torch.Size([5, 24])
         >>> AfterstateFeatures(lookahead=[0.0, 0.5])(torch.zeros(5, 34), torch.zeros(5, 2)).shape
         torch.Size([5, 28])
     """
@@ -46,7 +46,7 @@ class AfterstateFeatures(nn.Module):
         step_time: float = 0.2,
         observe_human: bool = True,
         octaves: int = 4,
-        lookahead: Sequence[float] = (0.0, 0.25, 0.5, 1.0),
+        lookahead: Sequence[float] = (),
     ) -> None:
         super().__init__()
         self.robot = robot if robot is not None else DifferentialDrive()

@@ -118,6 +118,19 @@ def supply(part: Part[T] | Callable[..., T], **live: Any) -> T:
     return part(**{name: value for name, value in live.items() if name in names and name not in bound})
 
 
+def classes(part: Part | Callable[..., Any]) -> list[str]:
+    """Full names of the classes that a part is made of, wherever its node found them.
+
+    >>> classes(Part({"_target_": "morlnav.modules.Actor", "features": {"_target_": "morlnav.modules.Flat"}}, "actor"))
+    ['morlnav.modules.networks.Actor', 'morlnav.modules.networks.Flat']
+    """
+    if isinstance(part, Part):
+        of_children = [classes(Part(child, part.where)) for child in part.node.values() if _is_node(child)]
+        return [*classes(_Signature.of(part).target), *(name for names in of_children for name in names)]
+    target = getattr(part, "func", part)
+    return [f"{target.__module__}.{target.__qualname__}"]
+
+
 def plain(node: Any) -> Any:
     """A config as dicts and lists, with every interpolation resolved.
 

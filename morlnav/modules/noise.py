@@ -46,9 +46,9 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
 
     def __init__(
         self,
-        greedy: float = 0.0,
+        greedy: float = 0.5,
         spec: TensorSpec | None = None,
-        sigma_init: float = 1.0,
+        sigma_init: float = 0.3,
         sigma_end: float = 0.1,
         annealing_num_steps: int = 1000,
         mean: float = 0.0,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -70,7 +70,9 @@ def read_facts(path: str | Path) -> dict[str, Any]:
     return _read(path)["facts"]
 
 
-def load_module(path: str | Path, device: torch.device | str = "cpu", trust: bool = False) -> nn.Module:
+def load_module(
+    path: str | Path, device: torch.device | str = "cpu", trust: bool | Collection[str] = False
+) -> nn.Module:
     """The module of :func:`save_module`, frozen: in evaluation mode, without gradients for its weights.
 
     Only modules of this package are built and nothing is unpickled, so files of strangers do no harm.
@@ -78,7 +80,8 @@ def load_module(path: str | Path, device: torch.device | str = "cpu", trust: boo
     Args:
         path: of the weights.
         device: where to put them.
-        trust: also build classes from outside this package. Only for files of your own: it runs their code.
+        trust: also build classes from outside this package: all, which is only for files of your own, for it runs their
+            code; or those of these names.
 
     Raises:
         FileNotFoundError: if one of the two files is missing.
@@ -155,7 +158,7 @@ def _describe(value: Any) -> Any:
     return [_describe(child) for child in value] if isinstance(value, list | tuple) else value
 
 
-def _build(value: Any, file: Path, trust: bool) -> Any:
+def _build(value: Any, file: Path, trust: bool | Collection[str]) -> Any:
     if isinstance(value, list):
         return [_build(child, file, trust) for child in value]
     if not isinstance(value, dict):
@@ -170,8 +173,9 @@ def _build(value: Any, file: Path, trust: bool) -> Any:
         raise ValueError(f"{file} describes a {cls.__name__} that cannot be built: {error}") from error
 
 
-def _find(target: str, file: Path, trust: bool) -> type[nn.Module]:
-    if not trust and not target.startswith(OURS):
+def _find(target: str, file: Path, trust: bool | Collection[str]) -> type[nn.Module]:
+    ours = target.startswith(OURS)
+    if not ours and trust is not True and target not in (trust or ()):
         raise ValueError(
             f"{file} names the foreign class {target}; if it is your own, load it with trust=True (--trust on the "
             f"command line)."
@@ -181,6 +185,6 @@ def _find(target: str, file: Path, trust: bool) -> type[nn.Module]:
         cls = getattr(import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise ValueError(f"{file} names {target}, which is not there: {error}") from error
-    if not (isinstance(cls, type) and issubclass(cls, nn.Module)) or (not trust and cls.__module__ != module):
+    if not (isinstance(cls, type) and issubclass(cls, nn.Module)) or (ours and cls.__module__ != module):
         raise ValueError(f"{file} names {target}, which is no module of this package.")
     return cls

@@ -6,7 +6,7 @@ import hashlib
 import json
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -34,6 +34,7 @@ class Cache:
         seed: of the run.
         show: whether the terminal shows a line per stage.
         name: of what is learned, for that line.
+        trust: classes from outside this package that a result may be made of.
 
     Examples:
         >>> cache = Cache(tempfile.mkdtemp(), {"env": {}, "clone": {"depth": 3}}, seed=0, show=False)
@@ -43,10 +44,16 @@ class Cache:
     """
 
     def __init__(
-        self, directory: str | None, config: Mapping[str, Any] | None, seed: int, show: bool = True, name: str = ""
+        self,
+        directory: str | None,
+        config: Mapping[str, Any] | None,
+        seed: int,
+        show: bool = True,
+        name: str = "",
+        trust: Collection[str] = (),
     ) -> None:
         self.directory = None if directory is None or config is None else Path(directory)
-        self.config, self.seed, self.show, self.name = config, seed, show, name
+        self.config, self.seed, self.show, self.name, self.trust = config, seed, show, name, trust
 
     def digest(self, stage_name: str) -> str | None:
         """What a stage's place in the cache is called: its origin, threads and versions."""
@@ -108,7 +115,7 @@ class Cache:
                 model, facts = make()
                 save_module(model, path, facts)
             with _refused_if_damaged(path, done):
-                return load_module(path), read_facts(path)
+                return load_module(path, trust=self.trust), read_facts(path)
 
     def keep_folder(self, name: str, make: Callable[[Path], None]) -> Path:
         """A folder of files, made or found; without a cache it lies in a temporary place until the process ends.

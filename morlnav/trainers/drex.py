@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 from torchrl.record.loggers import Logger
 
-from morlnav.config import Part, supply
+from morlnav.config import Part, classes, supply
 from morlnav.data import SnippetPairs, roll_out_ranked
 from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, read_facts, save_module
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
@@ -141,7 +141,7 @@ class Ranking:
         temperature: float = 10.0,
         batch_size: int = 160,
         held_out: float = 0.1,
-        members: Sequence[Sequence[str]] = (("observation", "action"),),
+        members: Sequence[Sequence[str]] = (("observation",),) * 3 + (("observation", "action"),) * 3,
         reduce: Literal["mean", "pessimistic"] = "pessimistic",
         normalise: bool = True,
     ) -> None:
@@ -271,9 +271,15 @@ class DREX:
         self.scale, self.offset, self.seed = scale, offset, seed
         self.make_env, self.progress_bar = make_env, progress_bar
         self.live = live_objects(make_env(num_envs=1)) | {"max_steps": max_steps}
+        self.trust = {*classes(clone.actor), *classes(ranking.model)}
         self.stages = {
             name: Cache(
-                cache, config and _of_one(config, name, source.key), seed, progress_bar, name if name != "demo" else ""
+                cache,
+                config and _of_one(config, name, source.key),
+                seed,
+                progress_bar,
+                name if name != "demo" else "",
+                self.trust,
             )
             for name, source in self.demonstrations.items()
         }
@@ -339,8 +345,8 @@ class DREX:
         file, imitator = directory / REWARD_FILE, directory / CLONE_FILE
         if origin is not None and read_facts(file).get("origin") != origin:
             raise ValueError(f"{file} was learned by another config than that of this run.")
-        clone = None if policy is not None and not imitator.is_file() else load_module(imitator)
-        return self._learned(name, load_module(file), policy or clone, clone)
+        clone = None if policy is not None and not imitator.is_file() else load_module(imitator, trust=self.trust)
+        return self._learned(name, load_module(file, trust=self.trust), policy or clone, clone)
 
     def _learned(
         self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module, data: TensorDict | None = None

@@ -20,7 +20,8 @@ def make_console() -> Console:
 def print_table(table: pd.DataFrame, console: Console) -> None:
     """Print numbers as an aligned table: names broken at words if need be, and as many columns as there is room for.
 
-    >>> print_table(pd.DataFrame({"speed": [1.0, 0.5], "utility": [20.0, 18.25]}), make_console())  # doctest: +NORMALIZE_WHITESPACE
+    >>> table = pd.DataFrame({"speed": [1.0, 0.5], "utility": [20.0, 18.25]})
+    >>> print_table(table, make_console())  # doctest: +NORMALIZE_WHITESPACE
     <BLANKLINE>
      speed   utility
     ─────────────────

@@ -6,13 +6,12 @@ import os
 from collections.abc import Iterable
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import pandas as pd
-from omegaconf import DictConfig, OmegaConf
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from morlnav.runs.config import CONFIG_FILE, load_config, read_yaml
+from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config, read_yaml
 
 Runs: TypeAlias = "str | Path | Iterable[str | Path]"
 """A run directory, a sweep's directory with run directories in it, or several run directories."""
@@ -218,16 +217,3 @@ def _chosen(run: Path) -> dict[str, str]:
         choices = read_yaml(folder / "hydra.yaml")["hydra"]["runtime"]["choices"]
     groups = {group: choice for group, choice in choices.items() if not group.startswith("hydra/")}
     return groups | {key: value for key, _, value in words if key != "resume"}
-
-
-def flat_settings(cfg: DictConfig | dict[str, Any], run: Path, resolve: bool = True) -> dict[str, object]:
-    """The config values of a run by their dotted names; where and how it went on is no setting, nor is its place."""
-    settings = OmegaConf.to_container(cfg, resolve=resolve) if OmegaConf.is_config(cfg) else cfg
-    flat = pd.json_normalize(settings).to_dict("records")[0]
-    for key in ("resume", "trust"):
-        flat.pop(key, None)
-    own = f"{run}{os.sep}"
-    return {
-        key: str(value).removeprefix(own) if isinstance(value, str | list | dict) else value
-        for key, value in flat.items()
-    }

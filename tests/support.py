@@ -4,27 +4,27 @@ import torch
 from hydra import compose, initialize_config_dir
 
 from morlnav.cli import conf_dir
-from morlnav.record.loggers import TensorboardCSVLogger
-from morlnav.trainers import make_trainer
+from morlnav.runs import make_training
 
 ANALYTICAL = "objectives=[baseline,distance,efficiency]"
+DEMONSTRATED = "objectives=[baseline,demo,distance,efficiency]"
 SMALL = (
     "trainer=smoke",
     "threads=1",
     "trainer.progress_bar=false",
-    "networks.actor.num_cells=32",
-    "networks.critic.num_cells=32",
-    "replay.capacity=4096",
+    "actor.num_cells=32",
+    "critic.num_cells=32",
+    "replay.storage.max_size=4096",
 )
 
 BRIEF = (  # episodes and rewards of a run with demonstrations
     "env.scenes.distance=[5,6]",
-    "env.max_steps=100",
-    "demonstrations.num=4",
-    "demonstrations.num_envs=8",
-    "ranking.episodes=2",
-    "ranking.members=[[observation],[observation,action]]",
-    "audit.scenes=2",
+    "transforms.time_limit.max_steps=100",
+    "rewards.num=4",
+    "rewards.ranking.episodes=2",
+    "rewards.ranking.held_out=0.5",
+    "rewards.ranking.members=[[observation],[observation,action]]",
+    "rewards.audit.num_scenes=2",
     "evaluation.episodes=2",
     "evaluation.steps=1",
 )
@@ -38,7 +38,38 @@ def configure(*overrides):
         return compose("train", [*SMALL, *overrides])
 
 
-def trainer_for(cfg, directory):
-    """The seeded trainer of a config."""
-    torch.manual_seed(cfg.seed)
-    return make_trainer(cfg, directory, TensorboardCSVLogger("logs", directory))
+def trainer_for(cfg, directory, learned=None):
+    """The seeded trainer of a config, with the rewards that were learned for it."""
+    training = make_training(cfg)
+    return training.make_trainer(directory, learned, training.make_logger(directory))
+
+
+def learned(trainer):
+    """Everything that a trainer has learned or will learn from, as nested dictionaries."""
+    hooks = ("log_episodes", "log_optimisation", "fit_interpolator", "evaluate")
+    return {
+        "loss": trainer.loss_module.state_dict(),
+        "average": trainer.checkpoint.components["average"].state_dict(),
+        "stepper": trainer.optimization_stepper.state_dict(),
+        "hooks": {name: trainer._modules[name].state_dict() for name in hooks},
+        "replay": trainer.replay_buffer.storage[:].to_dict(),
+        "gamma": trainer.loss_module.value_estimator.gamma,
+        "frames": trainer.collected_frames,
+        "random state": torch.get_rng_state(),
+    }
+
+
+def assert_identical(ours, theirs, name=""):
+    """Equal in every bit, however deeply nested."""
+    if isinstance(ours, dict):
+        assert ours.keys() == theirs.keys(), name
+        for key in ours:
+            assert_identical(ours[key], theirs[key], f"{name}.{key}")
+    elif isinstance(ours, list | tuple):
+        assert len(ours) == len(theirs), name
+        for i, pair in enumerate(zip(ours, theirs, strict=True)):
+            assert_identical(*pair, f"{name}[{i}]")
+    elif isinstance(ours, torch.Tensor):
+        torch.testing.assert_close(ours, theirs, rtol=0, atol=0, equal_nan=True, msg=lambda text: f"{name}: {text}")
+    else:
+        assert ours == theirs, name

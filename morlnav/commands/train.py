@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
 
@@ -18,34 +19,41 @@ import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import env_override
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
 
 from morlnav import deployment
-from morlnav.cli import conf_dir, duration, keep_freed_memory, one_sentence_errors, quiet, set_threads
+from morlnav.cli import (
+    conf_dir,
+    duration,
+    keep_freed_memory,
+    one_sentence_errors,
+    quiet,
+    refuse_repeated_choices,
+    set_threads,
+)
 from morlnav.config import check, plain, setting
 from morlnav.record.progress import stage
-from morlnav.runs import CONFIG_FILE, Run, make_training
+from morlnav.runs import Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
 from morlnav.runs.resuming import resumed_words
 from morlnav.runs.run import OF_THE_COMMAND
-from morlnav.runs.settings import (
-    refuse_another_run,
-    refuse_new_defaults,
-    refuse_to_change_a_finished_run,
-    refuse_what_does_not_fit,
-    refuse_without_clones,
-)
+from morlnav.runs.settings import Settings, refuse_without_clones
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.workers import watched
+
+SENTENCES = "MORLNAV_SENTENCES"
+"""Set in the environment of this process and its workers where errors are to be one sentence, without a traceback."""
 
 
 def run(cfg: DictConfig, directory: Path) -> Run | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the run, or ``None`` if interrupted."""
     config = plain(cfg)
     threads, resume = config.pop("threads"), config.pop("resume")
+    for name, value, kind in (("threads", threads, int), ("resume", resume, str | None), ("trust", cfg.trust, bool)):
+        check(value, name, kind=kind)
     check({name: value for name, value in config.items() if name not in OF_THE_COMMAND})
     keep_freed_memory()
     set_threads(threads)
@@ -55,46 +63,47 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
         tempfile.TemporaryDirectory() as scratch
     ):  # all that constructors refuse, before anything is learned or written
         training.rehearse(Path(scratch))
+    settings = Settings(cfg, directory)
     with reserved(directory):
-        trainer = _begin(cfg, training, directory, checkpoint)
+        trainer = _begin(settings, training) if checkpoint is None else _continue(settings, training, checkpoint)
+        _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
+        settings.save()
         return _train(training, trainer, directory)
 
 
-def _begin(cfg: DictConfig, training: Training, directory: Path, checkpoint: Path | None) -> Trainer:
-    """A trainer at its start, or where a checkpoint left it; nothing is written until a resumed one is there."""
+def _begin(settings: Settings, training: Training) -> Trainer:
+    """A trainer at its start, with the rewards that are learned first."""
+    settings.refuse_another_run()
+    directory, logger = settings.directory, training.make_logger(settings.directory)
     torch.manual_seed(training.seed)
-    if checkpoint is None:
-        refuse_another_run(cfg, directory)
-        logger = training.make_logger(directory)
-        trainer = training.make_trainer(directory, training.learn_rewards(directory, logger), logger)
-    else:
-        if (directory / CONFIG_FILE).is_file():
-            refuse_new_defaults(cfg, directory)
-        learned = training.restore_rewards(directory)
-        refuse_without_clones(learned, directory)
-        trainer = training.make_trainer(directory, learned)
-        _continue(trainer, cfg, directory, checkpoint)
-        trainer.logger = training.make_logger(directory)
+    trainer = training.make_trainer(directory, training.learn_rewards(directory, logger), logger)
     remove_leftovers(directory)
-    _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
-    OmegaConf.save(cfg, directory / CONFIG_FILE, resolve=True)
-    _keep_words(directory / ".hydra", OmegaConf.to_yaml(cfg))
     return trainer
 
 
-def _continue(trainer: Trainer, cfg: DictConfig, directory: Path, checkpoint: Path) -> None:
+def _continue(settings: Settings, training: Training, checkpoint: Path) -> Trainer:
+    """A trainer where a checkpoint left it; nothing is written until it is there."""
+    settings.refuse_new_defaults()
+    learned = training.restore_rewards(settings.directory)
+    refuse_without_clones(learned, settings.directory)
+    trainer = training.make_trainer(settings.directory, learned)
     try:
         checkpoint = load_checkpoint(trainer, checkpoint)
-        if trainer.collected_frames >= trainer.total_frames and (directory / CONFIG_FILE).is_file():
-            refuse_to_change_a_finished_run(cfg, directory)
+        if trainer.collected_frames >= trainer.total_frames:
+            settings.refuse_to_change_a_finished_run()
     except BaseException as error:
         trainer.collector.shutdown()  # or its workers would stay
-        if isinstance(error, CheckpointError) and (directory / CONFIG_FILE).is_file():
-            refuse_what_does_not_fit(cfg, directory, error)
+        if isinstance(error, CheckpointError):
+            settings.refuse_what_does_not_fit(error)
         raise
     print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
+    if "rollout" not in trainer.checkpoint.components:
+        print("Its episodes cannot be saved, so new ones begin; all else goes on as it was.")
     if trainer.progress_bar:
         trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
+    remove_leftovers(settings.directory)
+    trainer.logger = training.make_logger(settings.directory)
+    return trainer
 
 
 def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
@@ -164,19 +173,12 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     path.write_text(json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
 
 
-def _keep_words(folder: Path, composed: str) -> None:
-    """What Hydra writes before a run has begun, written once it has; only if Hydra was told to leave that to us."""
-    if not HydraConfig.initialized() or HydraConfig.get().output_subdir is not None:
-        return
-    folder.mkdir(exist_ok=True)
-    (folder / "config.yaml").write_text(composed)
-    (folder / "hydra.yaml").write_text(OmegaConf.to_yaml(OmegaConf.create({"hydra": HydraConfig.get()})))
-    (folder / "overrides.yaml").write_text(OmegaConf.to_yaml(HydraConfig.get().overrides.task))
-
-
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
-    finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
+    # Here too, for Hydra would add a line of its own to an error that leaves this function.
+    with one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
+        refuse_repeated_choices(HydraConfig.get().overrides.task)
+        finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too
     return finished.evaluation.utility(finished.directory / "evaluation")  # what a sweeper may maximise
@@ -189,7 +191,8 @@ def main() -> None:
     os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")
     if "HYDRA_FULL_ERROR" in os.environ:  # a developer wants the traceback
         return _run_words()
-    with env_override({"HYDRA_FULL_ERROR": "1"}), one_sentence_errors():  # errors reach us instead of Hydra's report
+    # Errors reach us instead of Hydra's report.
+    with env_override({"HYDRA_FULL_ERROR": "1", SENTENCES: "1"}), one_sentence_errors():
         _run_words()
 
 

@@ -34,7 +34,7 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
         device: of the buffers.
 
     Raises:
-        ValueError: if ``greedy`` is no share.
+        ValueError: if ``greedy`` is no share, or the factor of the noise rises or is negative.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -58,6 +58,8 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
         safe: bool = False,
         device: torch.device | None = None,
     ) -> None:
+        if not 0 <= sigma_end <= sigma_init:
+            raise ValueError(f"sigma_init and sigma_end must fall, 0 <= end <= init, got {sigma_init} and {sigma_end}.")
         super().__init__(
             spec, sigma_init, sigma_end, annealing_num_steps, mean, std, action_key=action_key, safe=safe, device=device
         )

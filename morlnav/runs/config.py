@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import yaml
 
 CONFIG_FILE = "config.yaml"
@@ -50,3 +53,15 @@ def refuse_old(config: dict[str, Any], directory: Path) -> None:
     """
     if "_target_" not in config:
         raise ValueError(f"{directory} was made by morlnav 0.1; this version reads runs since 0.2, so train it again.")
+
+
+def flat_settings(config: Mapping[str, Any], run: Path) -> dict[str, object]:
+    """The config values of a run by their dotted names; where and how it went on is no setting, nor is its place."""
+    flat = pd.json_normalize(dict(config)).to_dict("records")[0]
+    for key in ("resume", "trust"):
+        flat.pop(key, None)
+    own = f"{run}{os.sep}"
+    return {
+        key: str(value).removeprefix(own) if isinstance(value, str | list | dict) else value
+        for key, value in flat.items()
+    }

@@ -12,6 +12,7 @@ LIBRARY = (
     "torchrl.data.LazyTensorStorage",
     "torchrl.data.PrioritizedSampler",
     "torchrl.data.RandomSampler",
+    "torchrl.envs.InitTracker",
     "torchrl.envs.RewardSum",
     "torchrl.envs.StepCounter",
     "torchrl.modules.AdditiveGaussianModule",

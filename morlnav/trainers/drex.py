@@ -85,8 +85,10 @@ class Cloning:
         batch_size: int = 512,
         held_out: float = 0.05,
     ) -> None:
-        if batch_size < 1 or not 0 <= held_out < 1:
-            raise ValueError(f"Needed are batch_size >= 1 and 0 <= held_out < 1, got {batch_size} and {held_out}.")
+        if batch_size < 1:
+            raise ValueError(f"batch_size must be at least 1, got {batch_size}.")
+        if not 0 <= held_out < 1:
+            raise ValueError(f"held_out must be from 0 to below 1, got {held_out}.")
         self.actor, self.fit = actor, fit
         self.loss_function, self.batch_size, self.held_out = loss_function, batch_size, held_out
 
@@ -166,6 +168,12 @@ class Ranking:
         self.aggregate, self.temperature, self.batch_size = aggregate, temperature, batch_size
         self.members, self.reduce, self.normalise = members, reduce, normalise
 
+    def try_parts(self, live: Mapping[str, Any]) -> None:
+        """Make noise and models once, to find out what they refuse before anything is rolled out."""
+        supply(self.noise, **{**live, "epsilon": torch.zeros(1)})
+        for inputs in self.members:
+            supply(self.model, **{**live, "inputs": list(inputs)})
+
     def roll_out(self, clone: Policy, make_env: Callable[[int], EnvBase], live: Mapping[str, Any]) -> TensorDict:
         """The clone under every noise level, ``[levels, episodes, T]``."""
         return roll_out_ranked(
@@ -204,11 +212,13 @@ class LearnedReward:
         transform: pays for it in an environment.
         demonstrator: who drives as demonstrated, from observations ``[B, D]`` to actions ``[B, A]``.
         clone: the network that imitates the demonstrator.
+        demonstrations: transitions ``[N]`` that it was learned from; ``None`` where it was restored.
     """
 
     transform: DemonstrationReward
     demonstrator: Policy | None = None
     clone: nn.Module | None = None
+    demonstrations: TensorDict | None = None
 
 
 class DREX:
@@ -236,7 +246,7 @@ class DREX:
 
     def __init__(
         self,
-        demonstrations: Mapping[str, Demonstrations],
+        demonstrations: Mapping[str, Demonstrations | None],
         clone: Cloning,
         ranking: Ranking,
         audit: Any = None,
@@ -253,6 +263,8 @@ class DREX:
     ) -> None:
         if num < 1:
             raise ValueError(f"num must be at least 1, got {num}.")
+        if scale <= 0:
+            raise ValueError(f"scale must be positive, got {scale}.")
         self.num = num
         self.demonstrations = {name: source for name, source in demonstrations.items() if source is not None}
         self.clone, self.ranking, self.audit = clone, ranking, audit
@@ -300,7 +312,7 @@ class DREX:
         if directory is not None:
             save_module(reward, directory / REWARD_FILE, {**facts, "origin": stages.origin("ranking")})
             save_module(clone, directory / CLONE_FILE)
-        return self._learned(name, reward, source.policy or clone, clone)
+        return self._learned(name, reward, source.policy or clone, clone, data)
 
     def clones(self) -> list[nn.Module]:
         """The clone of each demonstrator, learned or taken from the cache."""
@@ -330,14 +342,18 @@ class DREX:
         clone = None if policy is not None and not imitator.is_file() else load_module(imitator)
         return self._learned(name, load_module(file), policy or clone, clone)
 
-    def _learned(self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module | None) -> LearnedReward:
+    def _learned(
+        self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module, data: TensorDict | None = None
+    ) -> LearnedReward:
         entry = self.live["num_static"] + self.names.index(name)
-        return LearnedReward(DemonstrationReward(reward, self.scale, self.offset, entry, name), demonstrator, clone)
+        transform = DemonstrationReward(reward, self.scale, self.offset, entry, name)
+        return LearnedReward(transform, demonstrator, clone, data)
 
     def untrained(self) -> dict[str, LearnedReward]:
         """Rewards of nothing, to try whether everything else fits."""
         nothing = {name: lambda observation, action: action[..., 0] * 0 for name in self.demonstrations}
         clone = supply(self.clone.actor, **{**self.live, "num_objectives": 0})
+        self.ranking.try_parts(self.live)
         return {name: self._learned(name, reward, clone, clone) for name, reward in nothing.items()}
 
     def _clone(self, data: TensorDict, **display: Any) -> nn.Module:

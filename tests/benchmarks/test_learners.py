@@ -5,14 +5,14 @@ from itertools import pairwise
 
 import pytest
 import torch
+from benchmarks.neighbours import torchrl_td3
 from torch import nn
 
-from morlnav.benchmarks.learner import random_rows
-from morlnav.benchmarks.limit import update_flops
-from morlnav.benchmarks.minimal_td3 import MinimalTD3
-from morlnav.benchmarks.neighbours import torchrl_td3
-from morlnav.benchmarks.pd_morl import PDMORL
-from morlnav.benchmarks.stacked_td3 import StackedTD3
+from benchmarks.learner import random_rows
+from benchmarks.limit import update_flops
+from benchmarks.peers.minimal_td3 import MinimalTD3
+from benchmarks.peers.pd_morl import PDMORL
+from benchmarks.peers.stacked_td3 import StackedTD3
 from morlnav.modules import Actor, VectorCritic
 
 LOW, HIGH = torch.tensor([0.0, -3.0]), torch.tensor([0.5, 3.0])

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from morlnav.benchmarks import quality
+from benchmarks import quality
 from morlnav.record.loggers import TensorboardCSVLogger
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from morlnav.benchmarks.table import markdown, plot, tabulate, write
-from morlnav.benchmarks.timing import Row
+from benchmarks.table import markdown, plot, tabulate, write
+from benchmarks.timing import Row
 
 OURS = Row("speed", "batch 1", "ours", "1/s", [8.0, 20.0, 10.0], size=1)
 PEER = Row("speed", "batch 1", "peer", "1/s", [4.0, 4.0, 2.0], size=1)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from morlnav.benchmarks.timing import Contender, Effort, NotAvailable, race
+from benchmarks.timing import Contender, Effort, NotAvailable, race
 
 EFFORT = Effort(rounds=3, seconds=0)
 

@@ -8,9 +8,10 @@ import pygame
 import torch
 from torch import Tensor
 
-from morlnav.navigation.record.plots import BOX, COLOURS, GOAL, HUMAN, INK
+from morlnav.navigation.record.plots import BOX, GOAL, HUMAN
 from morlnav.navigation.world import Scene, World
 from morlnav.navigation.world.geometry import to_frame
+from morlnav.record.colours import COLOURS, INK
 
 SMALLEST = 100  # pixels
 

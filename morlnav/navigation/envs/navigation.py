@@ -12,8 +12,8 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from morlnav.navigation.envs.checks import check_action, reward_vector
-from morlnav.navigation.envs.rewards import Objective, Transition, default_objectives, reward_bounds
+from morlnav.navigation.envs.rewards import Objective, default_objectives, reward_bounds
+from morlnav.navigation.envs.step import advance
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld, World, without_human
 
 
@@ -147,16 +147,12 @@ class NavigationEnv(EnvBase):
         self.action_spec = bounded(self.world.robot.action_low, self.world.robot.action_high)
         self.reward_spec = Unbounded(shape=(*shape, len(self.rewards)), device=self.device)
 
-    def _observe(self) -> Tensor:
-        self._observation = self.world.observe()
-        return self._observation
-
     def seen(self, observation: Tensor) -> Tensor:
         """What a policy sees of a whole observation ``[..., 34]``; ``[..., 32]`` without the human."""
         return observation if self.observe_human else without_human(observation)
 
     def _outputs(self, goal: Tensor, human: Tensor, box: Tensor) -> TensorDict:
-        observation = self.seen(self._observe())
+        observation = self.seen(self._observation)
         done = (goal | human | box).unsqueeze(-1)
         out = TensorDict(
             {
@@ -183,6 +179,7 @@ class NavigationEnv(EnvBase):
                 raise ValueError(f"Got {scene.batch_size[0]} scenes for {self._count} environments.")
             scene.check(self.world.robot.radius, self.world.human_radius)
         self.world.reset(scene, mask)
+        self._observation = self.world.observe()
         never = torch.zeros(self._count, dtype=torch.bool, device=self.device)
         return self._outputs(never, never, never).reshape(self.batch_size)
 
@@ -201,22 +198,10 @@ class NavigationEnv(EnvBase):
     @torch.no_grad()  # as for any simulator: rewards are no function of a policy's parameters
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict["action"].reshape(self._count, 2)
-        check_action(action)  # before it moves anything
-        action = self.world.robot.limit(action)
-        before, observation = self.world.pose, self._observation
-        contact = self.world.step(action)
+        transition, reward = advance(self.world, action, self._observation, self.rewards)
+        self._observation, contact = transition.next_observation, transition.contact
         out = self._outputs(contact.goal, contact.human, contact.box)
-        transition = Transition(
-            pose=before,
-            next_pose=self.world.pose,
-            action=action,
-            observation=observation,
-            next_observation=self._observation,
-            contact=contact,
-            scene=self.world.scene,
-        )
-        out["reward"] = reward_vector(self.rewards, transition)
-        return out.reshape(self.batch_size)
+        return out.set("reward", reward).reshape(self.batch_size)
 
     def _set_seed(self, seed: int | None) -> None:
         self._generator = torch.Generator()
@@ -230,7 +215,7 @@ class NavigationEnv(EnvBase):
         """Go on from a state that :meth:`get_state` returned."""
         self.world.load_state_dict(state["world"])
         self._generator.set_state(state["generator"])
-        self._observe()
+        self._observation = self.world.observe()
 
 
 def _wider(robot: Any, by: float) -> Any:

@@ -11,8 +11,8 @@ from tensordict import tensorclass
 from torch import Tensor
 
 from morlnav.modules.mode import eval_mode
-from morlnav.navigation.envs import Objective, Transition, default_objectives
-from morlnav.navigation.envs.checks import check_action, reward_vector
+from morlnav.navigation.envs import Objective, default_objectives
+from morlnav.navigation.envs.step import advance
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld, World, without_human
 
 SEED_OFFSET = 2**31
@@ -168,21 +168,15 @@ def evaluate_policy(
         for step in range(max_steps):
             visible = observation if observe_human else without_human(observation)
             preference = schedule[episode, min(step, schedule.shape[1] - 1)]
-            action, before = policy(visible, preference), world.pose
-            check_action(action)
-            action = world.robot.limit(action)
-            contact = world.step(action)
-            next_observation = world.observe()
-            transition = Transition(
-                before, world.pose, action, observation, next_observation, contact=contact, scene=world.scene
-            )
+            transition, paid = advance(world, policy(visible, preference), observation, objectives)
+            contact, next_observation = transition.contact, transition.next_observation
             done = contact.goal | contact.human | contact.box
             ended = torch.where(contact.goal, Outcome.GOAL, torch.where(contact.human, Outcome.HUMAN, Outcome.BOX))
             now, last = episode[running], episode[running & done]
             pose[now, step + 1] = world.pose[running]
             clearance[now, step + 1] = next_observation[running, lidar:].amin(-1)
-            action_log[now, step] = action[running]
-            reward[now, step] = reward_vector(objectives, transition)[running]
+            action_log[now, step] = transition.action[running]
+            reward[now, step] = paid[running]
             steps[last], outcome[last] = step + 1, ended[running & done]
             duration[now] += world.step_time if contact.duration is None else contact.duration[running]
 

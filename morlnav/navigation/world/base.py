@@ -10,7 +10,7 @@ from tensordict import tensorclass
 from torch import Tensor
 
 from morlnav.navigation.world.geometry import polar
-from morlnav.navigation.world.kinematics import DifferentialDrive
+from morlnav.navigation.world.kinematics import DifferentialDrive, Robot
 from morlnav.navigation.world.lidar import Lidar
 from morlnav.navigation.world.scene import Scene
 
@@ -41,12 +41,12 @@ class World(ABC):
         device: where the tensors live.
 
     Raises:
-        ValueError: if a radius or a time is not positive.
+        ValueError: if a radius or a time is not positive, or contacts would be checked less than once a step.
     """
 
     def __init__(
         self,
-        robot: DifferentialDrive | None = None,
+        robot: Robot | None = None,
         lidar: Lidar | None = None,
         human_radius: float = 0.3,
         goal_radius: float = 0.35,
@@ -62,7 +62,9 @@ class World(ABC):
         }
         for name, value in values.items():
             if value <= 0:
-                raise ValueError(f"The world's {name} must be positive, got {value}.")
+                raise ValueError(f"{name} must be positive, got {value}.")
+        if check_interval > step_time:
+            raise ValueError(f"check_interval must be at most the step_time of {step_time} s, got {check_interval}.")
         self.robot = robot or DifferentialDrive()
         self.lidar = lidar or Lidar()
         self.human_radius = human_radius

@@ -4,6 +4,7 @@ import math
 import pandas as pd
 import pytest
 import torch
+from morlnav.trainers.auditing import audit_run, find_reward
 from support import configure
 
 from morlnav.commands.audit import main
@@ -12,7 +13,6 @@ from morlnav.navigation.audit import Thresholds, alternative_behaviours, audit_r
 from morlnav.navigation.evaluation import Outcome, evaluation_scenes
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import DifferentialDrive, Lidar, SceneSampler, TensorWorld
-from morlnav.trainers.auditing import audit_run, find_reward
 
 
 @pytest.fixture(scope="module")

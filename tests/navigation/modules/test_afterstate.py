@@ -1,11 +1,11 @@
 import torch
+from morlnav.trainers.builders import make_base_env, make_networks
 from support import configure
 
 from morlnav.modules import VectorCritic
 from morlnav.navigation.evaluation import evaluation_scenes
 from morlnav.navigation.modules import AfterstateFeatures, NavigationFeatures
 from morlnav.navigation.world import DifferentialDrive, TensorWorld
-from morlnav.trainers.builders import make_base_env, make_networks
 
 BOUNDS = {"action_low": [0.0, -3.14], "action_high": [0.5, 3.14]}
 

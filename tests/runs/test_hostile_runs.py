@@ -177,11 +177,11 @@ def test_a_sweep_resolves_nothing_and_builds_nothing(tmp_path, monkeypatch):
     assert "${oc.env:SECRET}" in text
 
 
-def test_trust_builds_ones_own(kept_run, change_config, tmp_path, monkeypatch):
-    (tmp_path / "my_scenes.py").write_text(
-        "from morlnav.navigation.world import SceneSampler\n\n\nclass Mine(SceneSampler):\n    pass\n"
+def test_trust_builds_ones_own(kept_run, change_config, tmp_path):
+    (tmp_path / "my_parts.py").write_text(
+        "from morlnav.navigation.evaluation import NavigationEvaluation\n\n\nclass Mine(NavigationEvaluation):\n    pass\n"
     )
-    change_config("env.scenes._target_", "my_scenes.Mine")
-    with pytest.raises(ValueError, match=r"foreign my_scenes\.Mine"):
+    change_config("evaluation._target_", "my_parts.Mine")
+    with pytest.raises(ValueError, match=r"foreign my_parts\.Mine"):
         Run(kept_run)
-    assert type(Run(kept_run, trust=True).evaluation.env.scenes).__name__ == "Mine"
+    assert type(Run(kept_run, trust=True).evaluation).__name__ == "Mine"

@@ -43,4 +43,4 @@ def test_a_run_goes_on_in_its_own_directory(name, typed, tmp_path, monkeypatch):
 def test_a_run_is_trained_and_resumed_there(name, train_command, capsys):
     train_command(*SMALL, ANALYTICAL, *TINY, f"hydra.run.dir={quoted(name)}")
     train_command(f"resume={name}", "trainer.total_frames=64")
-    assert f"Everything is in {name}" in capsys.readouterr().out
+    assert f"/{name}\n" in capsys.readouterr().out.split("Everything is in ")[2]

@@ -24,6 +24,7 @@ FENCE = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.DOTALL | re
 PAGES = {page.stem: page.read_text() for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
 EXTENDING = PAGES.pop("extending")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SCRIPTS = PROJECT["scripts"] | {"benchmarks": "benchmarks.__main__:main"}
 
 
 def blocks(text, language, titled=False):
@@ -34,8 +35,10 @@ def blocks(text, language, titled=False):
 def commands(text):
     """Program and arguments of every command of ours."""
     lines = "".join(code for _, code in blocks(text, "bash")).replace("\\\n", "")
-    found = re.findall(r"^(?:uv run (?:--(?:extra|group) \w+ )?)?(morlnav-.*)", lines, re.MULTILINE)
-    return [tuple(shlex.split(line, comments=True)) for line in found]
+    found = re.findall(
+        r"^(?:uv run (?:--(?:extra|group) \w+ )?)?(morlnav-.*|python -m benchmarks(?: .*)?)$", lines, re.M
+    )
+    return [tuple(shlex.split(line.removeprefix("python -m "), comments=True)) for line in found]
 
 
 def runs(words):
@@ -90,7 +93,7 @@ def test_a_command_of_a_page_is_understood(words, monkeypatch):
         for name in ("parse_args", "parse_intermixed_args"):
             monkeypatch.setattr(argparse.ArgumentParser, name, stop)
         with pytest.raises(Parsed) as parsed:
-            get_object(PROJECT["scripts"][program].replace(":", "."))()
+            get_object(SCRIPTS[program].replace(":", "."))()
         overrides = getattr(parsed.value.args[0], "overrides", [])
     for run in runs([word for word in overrides if word not in ("-m", "--help")]):
         check_as_a_run(composed(run))
@@ -104,7 +107,7 @@ def composed(words):
 def check_as_a_run(cfg):
     """As a run does before it begins; classes that a page only imagines are left out."""
     config = {name: node for name, node in plain(cfg).items() if name not in OF_THE_COMMAND}
-    if "my_package." not in str(config):
+    if not any(name in str(config) for name in ("my_package.", "my_task.")):
         check(config)
 
 

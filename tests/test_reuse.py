@@ -71,3 +71,9 @@ def test_gymnasium_finds_the_environment():
     names = run("The environment in Gymnasium")
     assert names["reward"].shape == (3,)
     assert names["envs"].num_envs == 1024
+
+
+def test_torchrl_trains_the_loss():
+    names = run("In TorchRL's own trainer")
+    assert names["trainer"].collected_frames == 256
+    assert all(torch.isfinite(weights).all() for weights in names["actor"].parameters())

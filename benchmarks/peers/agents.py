@@ -1,8 +1,8 @@
 """CAPQL and GPI-LS of morl-baselines drive the robot, and are evaluated in the scenes that our policies are judged in.
 
-    python examples/capql_gpi_ls.py capql --minutes 12
-    python examples/capql_gpi_ls.py gpi_ls --minutes 12
-    python examples/capql_gpi_ls.py compare results/two_objectives/seed_0 results/peers/capql results/peers/gpi_ls
+    python -m benchmarks.peers.agents capql --minutes 12
+    python -m benchmarks.peers.agents gpi_ls --minutes 12
+    python -m benchmarks.peers.agents compare results/two_objectives/seed_0 results/peers/capql results/peers/gpi_ls
 
 Both agents are morl-baselines' own, unchanged, with their own defaults but for what SETTINGS says. They get what helps
 our learner: the features that our networks look through, and rewards in the learner's unit. The time is that of one
@@ -26,9 +26,10 @@ from morl_baselines.multi_policy.capql.capql import CAPQL
 from morl_baselines.multi_policy.gpi_pd.gpi_pd_continuous_action import GPILSContinuousAction
 from torch import Tensor
 
+from morlnav.cli import one_sentence_errors, quiet
 from morlnav.data import preference_edges
 from morlnav.evaluation import reference_from_bounds
-from morlnav.modules import load_reward
+from morlnav.modules import load_module
 from morlnav.navigation.envs import ENV_ID, DemonstrationObjective, NavigationEnv, Objective, default_objectives
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
 from morlnav.navigation.modules import CircumnavigationOracle, NavigationFeatures
@@ -137,12 +138,19 @@ def objectives_with(reward: Path | None) -> dict[str, Objective]:
     terms = default_objectives()
     if reward is None:
         return terms
-    demo = DemonstrationObjective(load_reward(reward), scale=10.0, offset=-1.0)
+    demo = DemonstrationObjective(load_module(reward), scale=10.0, offset=-1.0)
     return {"baseline": terms.pop("baseline"), "demo": demo, **terms}
 
 
 def compare(runs: list[Path]) -> str:
-    """A Markdown table of evaluated runs, ours or theirs, that have the same objectives."""
+    """A Markdown table of evaluated runs, ours or theirs, that have the same objectives.
+
+    Raises:
+        ValueError: without runs.
+        FileNotFoundError: for a run without an evaluation.
+    """
+    if not runs:
+        raise ValueError("compare needs run directories with an evaluation.")
     lines = []
     for run in runs:
         summary, front = (pd.read_csv(run / "evaluation" / f"{name}.csv") for name in ("summary", "front"))
@@ -158,7 +166,8 @@ def compare(runs: list[Path]) -> str:
 
 def main(words: list[str] | None = None) -> None:
     """Entry point."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    quiet()
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.peers.agents", description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=[*AGENTS, "compare"])
     parser.add_argument("runs", type=Path, nargs="*", help="for compare: run directories with an evaluation")
     parser.add_argument("--minutes", type=float, default=12.0, help="time of the training on one core")
@@ -168,11 +177,26 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=10, help="steps between preferences")
     parser.add_argument("--output", type=Path, default=Path("results/peers"))
     args = parser.parse_args(words)
-    if args.what == "compare":
-        table = compare(args.runs)
-        args.output.mkdir(parents=True, exist_ok=True)
-        (args.output / "comparison.md").write_text(table + "\n")
-        return print(table)
+    with one_sentence_errors():
+        if args.what == "compare":
+            args.output.mkdir(parents=True, exist_ok=True)
+            (args.output / "comparison.md").write_text(compare(args.runs) + "\n")
+            print((args.output / "comparison.md").read_text())
+        else:
+            drive(args)
+
+
+def drive(args: argparse.Namespace) -> None:
+    """Train and evaluate an agent, and keep both.
+
+    Raises:
+        ValueError: for numbers with which it would learn or show nothing.
+    """
+    if not args.minutes > 0 or args.episodes < 1 or args.steps < 1:
+        raise ValueError(
+            f"Needed are minutes > 0, episodes >= 1 and steps >= 1, got {args.minutes:g}, {args.episodes} and "
+            f"{args.steps}."
+        )
     torch.set_num_threads(1)
     objectives, directory = objectives_with(args.reward), args.output / args.what
     agent, record = train(args.what, 60 * args.minutes, objectives, args.seed)

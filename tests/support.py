@@ -15,11 +15,11 @@ SMALL = (
     "actor.num_cells=32",
     "critic.num_cells=32",
     "replay.storage.max_size=4096",
+    "transforms.time_limit.max_steps=100",
 )
 
 BRIEF = (  # episodes and rewards of a run with demonstrations
     "env.scenes.distance=[5,6]",
-    "transforms.time_limit.max_steps=100",
     "rewards.num=4",
     "rewards.ranking.episodes=2",
     "rewards.ranking.held_out=0.5",

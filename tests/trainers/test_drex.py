@@ -115,7 +115,8 @@ def test_a_reward_that_fails_its_audit_stops_the_pipeline(demonstration_run, tmp
 
 @pytest.mark.parametrize("ablation", ["no_human", "state_reward"])
 def test_ablations_of_the_reward_are_configs(ablation, tmp_path):
-    make_training(configure(*SMALL, f"cache={tmp_path}", f"ablation={ablation}")).learn_rewards(tmp_path / "run")
+    small = [word for word in SMALL if "members" not in word]  # which a word would set last
+    make_training(configure(*small, f"cache={tmp_path}", f"ablation={ablation}")).learn_rewards(tmp_path / "run")
     model = load_module(tmp_path / "run" / "reward.pt")
     assert ("action" in model.inputs) == (ablation != "state_reward")
     features = model.models[0].features

@@ -104,4 +104,4 @@ def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Pol
     facts = read_facts(path)
     if not isinstance(facts.get("objectives"), list):
         raise ValueError(f"{path.with_suffix('.json')} is damaged: it names no objectives.")
-    return Policy(load_module(path, device, trust), facts["objectives"])
+    return Policy(load_module(path, device, trust), facts["objectives"]).eval()

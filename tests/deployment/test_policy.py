@@ -173,7 +173,7 @@ def test_what_was_saved_comes_back(tmp_path):
 def test_a_missing_file_is_named_in_one_sentence(copied_run):
     (copied_run / "policy.json").unlink()
     with pytest.raises(
-        ValueError, match=r"^.* was made by morlnav 0\.1, which kept no policy\.json; train it again\.$"
+        ValueError, match=r"^.* made by morlnav 0\.1, which kept no policy\.json; train it again\.$"
     ):
         morlnav.load(copied_run)
     (copied_run / "policy.pt").unlink()

@@ -14,6 +14,7 @@ from morlnav.navigation.audit import Thresholds, alternative_behaviours, audit_r
 from morlnav.navigation.evaluation import Outcome, evaluation_scenes
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import DifferentialDrive, Lidar, SceneSampler, TensorWorld
+from morlnav.runs import Run
 
 SMALL = {"action_low": [0.0, -3.14], "action_high": [0.5, 3.14], "features": 34, "depth": 1, "num_cells": 8}
 
@@ -148,11 +149,12 @@ def test_the_command_line_judges_a_saved_reward(tmp_path, monkeypatch, capsys):
 
 
 def test_a_run_is_judged_by_its_own_demonstrator_and_scale(tmp_path):
-    save_module(small_reward(), tmp_path / "reward.pt")
-    save_module(Actor(num_objectives=0, **SMALL), tmp_path / "clone.pt")
     changes = ["rewards.demonstrations.demo.policy.radius=0.75", "rewards.scale=3.0", "env.scenes.num_boxes=0"]
     cfg = configure("objectives=[baseline,demo,distance,efficiency]", "cache=null", *changes)
     OmegaConf.save(cfg, tmp_path / "config.yaml", resolve=True)
+    origin = Run(tmp_path).training.pipeline().stages["demo"].origin("ranking")
+    save_module(small_reward(), tmp_path / "reward.pt", {"origin": origin})
+    save_module(Actor(num_objectives=0, **SMALL), tmp_path / "clone.pt")
     passed, report = audit_saved(tmp_path, num_scenes=2, plans=0)
     assert not passed
     assert report == tmp_path / "audit"

@@ -36,7 +36,7 @@ class FitInterpolator(PeriodicHook):
     def __call__(self) -> None:
         """Measure and refit if it is due."""
         loss = self.trainer.loss_module
-        terms = [term for term in loss.terms.values() if getattr(term, "interpolator", None) is not None]
+        terms = [term for term in loss.terms.values() if hasattr(getattr(term, "interpolator", None), "preferences")]
         if not terms or not self.due():
             return
         gamma = loss.value_estimator.gamma

@@ -41,9 +41,6 @@ class StraightLine(nn.Module):
         mark(self)
         return torch.cat([preference.new_ones(*preference.shape[:-1], self.num_static), preference], -1)
 
-    def update(self, preferences, values):
-        mark(self)
-
 
 class Effort(LossTerm):
     def actor(self, acted):

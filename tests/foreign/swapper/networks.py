@@ -13,13 +13,13 @@ class Driver(nn.Module):
         self.settings |= {"action_low": list(action_low), "action_high": list(action_high)}
         low, high = torch.tensor(action_low), torch.tensor(action_high)
         self.register_buffer("middle", (low + high) / 2)
-        self.register_buffer("half", (high - low) / 2)
+        self.register_buffer("reach", (high - low) / 2)
         self.net = nn.Sequential(nn.Linear(size + num_objectives, cells), nn.ReLU(), nn.Linear(cells, len(low)))
 
     def forward(self, observation, preference=None):
         mark(self)
         seen = observation if preference is None else torch.cat([observation, preference], -1)
-        return self.middle + self.half * self.net(seen).tanh()
+        return self.middle + self.reach * self.net(seen).tanh()
 
     def config(self):
         return self.settings

@@ -150,6 +150,6 @@ class Evaluation:
 
 
 def _markdown(table: pd.DataFrame) -> str:
-    cells = [[name.removeprefix("lambda_").replace("_", " ") for name in table], ["--:"] * table.shape[1]]
+    cells = [[name.replace("lambda_", "λ ").replace("_", " ") for name in table], ["--:"] * table.shape[1]]
     cells += [[f"{value:.4g}" for value in row] for row in table.itertuples(index=False)]
     return "\n".join(f"| {' | '.join(row)} |" for row in cells)

@@ -52,6 +52,31 @@ def test_mistakes_in_the_file_are_named(tmp_path, text, sentence):
         load_contexts(write(tmp_path, text), OBJECTIVES)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "hunter2",
+        "root:hunter2:0:0",
+        "password: hunter2",
+        "password: {distance: hunter2}",
+        "hall: {distance: '${oc.env:SECRET}'}",
+        "hall: {distance: [hunter2]}",
+        "hall: [hunter2",
+        "hall: {distance: 1}\n\thunter2",
+        "${hunter2",
+        "!!python/object/apply:os.system [hunter2]",
+        "hall: *hunter2",
+        "- hunter2",
+        "2",
+    ],
+)
+def test_a_foreign_file_is_refused_without_its_content(tmp_path, monkeypatch, text):
+    monkeypatch.setenv("SECRET", "hunter2")
+    with pytest.raises(ValueError, match=r"rooms\.yaml") as error:
+        load_contexts(write(tmp_path, text), OBJECTIVES)
+    assert "hunter2" not in str(error.value)
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match="no file of contexts"):
         load_contexts(tmp_path / "rooms.yaml", OBJECTIVES)

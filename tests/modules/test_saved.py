@@ -1,5 +1,6 @@
 """Modules on disk: exactly what was saved, without pickled code, and of our own classes alone."""
 
+import hashlib
 import json
 
 import pytest
@@ -99,8 +100,10 @@ def test_what_is_missing_or_damaged_is_named_in_one_sentence(model, tmp_path):
     describe()
     for damaged in (b"", b"nonsense", b"cos\nsystem\n(S'echo'\ntR."):
         path.write_bytes(damaged)
-        with pytest.raises(ValueError, match="does not hold the weights"):
-            load_module(path)
+        for digest in (content["sha256"], hashlib.sha256(damaged).hexdigest()):
+            describe(sha256=digest)
+            with pytest.raises(ValueError, match="does not hold the weights"):
+                load_module(path)
     torch.save(nn.Linear(2, 2), path)  # pickled code
     with pytest.raises(ValueError, match="does not hold the weights"):
         load_module(path)
@@ -147,6 +150,17 @@ def test_ones_own_classes_load_with_trust(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match=r"foreign class my_networks\.Mine"):
         load_module(tmp_path / "policy.pt")
     assert type(load_module(tmp_path / "policy.pt", trust=True)) is Mine
+
+
+def test_one_changed_bit_of_the_weights_is_noticed(model, tmp_path):
+    path = tmp_path / "reward.pt"
+    save_module(model, path)
+    write_facts(path, {"more": "facts"})  # keep the hash
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"reward\.pt is damaged: it does not hold the weights that were saved"):
+        load_module(path)
 
 
 def test_what_could_not_be_loaded_again_is_not_saved(tmp_path):

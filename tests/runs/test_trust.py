@@ -1,7 +1,10 @@
 """What a config may name without trust: parts that do nothing but their work."""
 
 import pytest
+from hydra import compose, initialize_config_dir
 
+from morlnav.cli import conf_dir
+from morlnav.config import plain
 from morlnav.runs.trust import foreign_targets, is_known, targets
 
 
@@ -85,3 +88,9 @@ def test_nothing_foreign_is_imported_to_find_out(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     assert foreign_targets({"env": {"_target_": "my_evil.Evil"}}) == ["my_evil.Evil"]
     assert not (tmp_path / "stolen").exists()
+
+
+def test_everything_that_a_run_names_by_default_is_known():
+    for words in ([], ["recipe=analytical"], ["recipe=paper"], ["env=mo_gymnasium", "env.id=mo-hopper-2obj-v5"]):
+        with initialize_config_dir(conf_dir(), version_base="1.3"):
+            assert foreign_targets(plain(compose("train", words))) == []

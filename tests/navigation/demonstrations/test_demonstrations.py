@@ -189,6 +189,17 @@ def test_missing_cut_and_foreign_files_are_refused(folder, tmp_path):
             load_demonstrations(copy)
 
 
+@pytest.mark.parametrize("name", ["observation.memmap", "action.memmap", "next/pose.memmap"])
+def test_other_content_of_the_same_size_is_refused(folder, tmp_path, name):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    content = bytearray((copy / "data" / name).read_bytes())
+    end = min(4096, len(content))
+    content[:end] = bytes(255 - byte for byte in content[:end])
+    (copy / "data" / name).write_bytes(content)
+    with pytest.raises(ValueError, match="are damaged: their files hold other content than was saved"):
+        load_demonstrations(copy)
+
+
 def test_pickles_are_neither_saved_nor_loaded(data, folder, tmp_path):
     mixed = data.clone().set("note", NonTensorData(object(), batch_size=data.batch_size))
     with pytest.raises(ValueError, match="no demonstrations that can be saved"):

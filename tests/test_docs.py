@@ -87,9 +87,10 @@ def test_a_command_of_a_page_is_understood(words, monkeypatch):
     if program != "morlnav-train":
         parse = argparse.ArgumentParser.parse_intermixed_args
 
-        def stop(parser):
-            raise Parsed(parse(parser, words[1:]))
+        def stop(parser, words=None):
+            raise Parsed(parse(parser, words))
 
+        monkeypatch.setattr(sys, "argv", list(words))
         for name in ("parse_args", "parse_intermixed_args"):
             monkeypatch.setattr(argparse.ArgumentParser, name, stop)
         with pytest.raises(Parsed) as parsed:

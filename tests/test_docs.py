@@ -34,7 +34,7 @@ def blocks(text, language, titled=False):
 def commands(text):
     """Program and arguments of every command of ours."""
     lines = "".join(code for _, code in blocks(text, "bash")).replace("\\\n", "")
-    found = re.findall(r"^(?:uv run (?:--extra \w+ )?)?(morlnav-.*)", lines, re.MULTILINE)
+    found = re.findall(r"^(?:uv run (?:--extra [\w-]+ )?)?(morlnav-.*)", lines, re.MULTILINE)
     return [tuple(shlex.split(line, comments=True)) for line in found]
 
 

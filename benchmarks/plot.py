@@ -1,4 +1,4 @@
-"""The picture of a table of measurements: morlnav in blue, all others in grey."""
+"""The picture of a table of measurements: morlnav blue and solid, all others grey or dashed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def plot(table: pd.DataFrame) -> Figure:
         axes.tick_params(labelsize=8)
     for axes in panels[len(parts) :]:
         axes.remove()
-    hands = [Patch(color=OURS[0], label="morlnav"), Patch(color=OTHERS[0], label="others")]
+    hands = [Patch(color=OURS[0], label="morlnav; solid lines"), Patch(color=OTHERS[0], label="others; dashed lines")]
     figure.legend(handles=hands, loc="outside upper right", ncols=2, fontsize=8, frameon=False)
     return figure
 
@@ -68,7 +68,7 @@ def _lines(axes: Axes, part: pd.DataFrame) -> None:
     if part["median"].max() > 10 * part["median"].min():
         axes.set_yscale("log")
     else:
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.1 * part["q3"].max())
     axes.legend(loc="upper left", bbox_to_anchor=(1, 1), fontsize=7, frameon=False)  # beside the lines
 
 

@@ -36,7 +36,7 @@ def commands(text):
     """Program and arguments of every command of ours."""
     lines = "".join(code for _, code in blocks(text, "bash")).replace("\\\n", "")
     found = re.findall(
-        r"^(?:uv run (?:--(?:extra|group) \w+ )?)?(morlnav-.*|python -m benchmarks(?: .*)?)$", lines, re.M
+        r"^(?:uv run (?:--(?:extra|group) [\w-]+ )?)?(morlnav-.*|python -m benchmarks(?: .*)?)$", lines, re.M
     )
     return [tuple(shlex.split(line.removeprefix("python -m "), comments=True)) for line in found]
 

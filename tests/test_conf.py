@@ -18,13 +18,61 @@ CONF = Path(conf_dir())
 CHANGES = ("recipe", "ablation", "brief", "domain")  # what differs from the other groups' values
 
 LIVE = set(
-    """
-    rewards objectives num_rewards num_objectives num_static reward_bounds action_spec action_low action_high size
-    max_steps world scenes robot step_time observe_human sectors lidar_range max_turn seed device sampler make_env
-    offset actor_network qvalue_network clones loss actor total_updates spec std annealing_num_steps generator
-    collector loss_module optimization_stepper replay_buffer logger directory components trainer policy
-    exploration evaluation total_frames demonstrators scalarisation inputs epsilon cache config progress_bar
-    """.split()
+    [
+        "rewards",
+        "objectives",
+        "num_rewards",
+        "num_objectives",
+        "num_static",
+        "reward_bounds",
+        "action_spec",
+        "action_low",
+        "action_high",
+        "size",
+        "max_steps",
+        "world",
+        "scenes",
+        "robot",
+        "step_time",
+        "observe_human",
+        "sectors",
+        "lidar_range",
+        "max_turn",
+        "seed",
+        "device",
+        "sampler",
+        "make_env",
+        "offset",
+        "actor_network",
+        "qvalue_network",
+        "clones",
+        "loss",
+        "actor",
+        "total_updates",
+        "spec",
+        "std",
+        "annealing_num_steps",
+        "generator",
+        "collector",
+        "loss_module",
+        "optimization_stepper",
+        "replay_buffer",
+        "logger",
+        "directory",
+        "components",
+        "trainer",
+        "policy",
+        "exploration",
+        "evaluation",
+        "total_frames",
+        "demonstrators",
+        "scalarisation",
+        "inputs",
+        "epsilon",
+        "cache",
+        "config",
+        "progress_bar",
+    ]
 )
 LEFT_OUT = {  # arguments that have a default and no place in a file
     "bounds": "the action's, in place of its spec",

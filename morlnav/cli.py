@@ -10,16 +10,22 @@ import re
 import select
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import torch
 from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException, HydraException, InstantiationException, MissingConfigException
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torchrl.checkpoint import CheckpointError
+
+from morlnav.config import nearest
+
+MOST_THREADS = 1024
+"""With a million, OpenMP ends the process without a word."""
 
 
 def conf_dir() -> str:
@@ -38,6 +44,7 @@ def quiet() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
     logging.getLogger("torchrl").setLevel(logging.WARNING)
+    logging.getLogger("hydra.utils").setLevel(logging.CRITICAL)  # tells at length what our sentence tells
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", category=FutureWarning, module="torchrl")
     warnings.filterwarnings("ignore", message=".*init_random_frames.*")
@@ -59,10 +66,10 @@ def set_threads(number: int) -> None:
     """Let PyTorch compute with so many threads.
 
     Raises:
-        ValueError: for less than one.
+        ValueError: for less than one, or more than any machine can start.
     """
-    if number < 1:
-        raise ValueError(f"PyTorch needs at least one thread, got threads={number}.")
+    if not 1 <= number <= MOST_THREADS:
+        raise ValueError(f"threads must be from 1 to {MOST_THREADS}, got {number}.")
     torch.set_num_threads(number)
 
 
@@ -97,7 +104,7 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
     except InstantiationException as error:
         sys.exit(_first_line(error.__cause__ or error))
     except MissingConfigException as error:
-        sys.exit(f"There is no {error.missing_cfg_file}; choose from: {', '.join(error.options or ['nothing'])}.")
+        sys.exit(_unknown_choice(str(error.missing_cfg_file), error.options))
     except ConfigCompositionException as error:
         key = re.search(r"Could not override '(.+?)'", str(error))
         sys.exit(_unknown_key(key[1]) if key else _first_line(error))
@@ -108,7 +115,8 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
         OmegaConfBaseException,
         HydraException,
     ) as error:
-        sys.exit(_first_line(error))
+        no_choice = str(error).startswith("Config group override must be")
+        sys.exit(_no_choice(sys.argv[1:]) if no_choice else _first_line(error))
 
 
 def _nobody_reads() -> bool:
@@ -124,6 +132,37 @@ def _first_line(error: BaseException) -> str:
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
+def _choices(group: str) -> list[str]:
+    return sorted(path.stem for path in (Path(conf_dir()) / group).glob("*.yaml"))
+
+
+def _unknown_choice(choice: str, options: Sequence[str] | None) -> str:
+    group, _, name = choice.rpartition("/")
+    return f"There is no {choice}; {nearest(name, options or _choices(group))}"
+
+
+def _no_choice(words: Sequence[str]) -> str:
+    """What to say of a number, or of ``null``, where a group wants one of its choices."""
+    for key, _, value in (word.partition("=") for word in words):
+        if (choices := _choices(key)) and re.fullmatch(r"null|true|false|[-+.\d]*", value, re.IGNORECASE):
+            return f"{key}={value} is no choice of the group {key}: {', '.join(choices)}; ~{key} leaves it out."
+    return "A group needs one of its choices, GROUP=CHOICE; see --help."
+
+
+def refuse_repeated_choices(words: Sequence[str]) -> None:
+    """Refuse a list of choices that names one twice, which Hydra takes as one.
+
+    >>> refuse_repeated_choices(["objectives=[distance,distance]"])
+    Traceback (most recent call last):
+    ValueError: objectives names distance twice.
+    """
+    for word in OverridesParser.create().parse_overrides(list(words)):
+        choices = word.value()
+        chosen = choices if isinstance(choices, list) and _choices(word.key_or_group) else []
+        if repeated := [choice for choice in chosen if chosen.count(choice) > 1]:
+            raise ValueError(f"{word.key_or_group} names {repeated[0]} twice.")
+
+
 def _unknown_key(key: str) -> str:
     with initialize_config_dir(conf_dir(), version_base="1.3"):
         cfg = compose("train")
@@ -131,8 +170,8 @@ def _unknown_key(key: str) -> str:
     node = OmegaConf.select(cfg, parent, throw_on_missing=False) if parent else cfg
     if not OmegaConf.is_dict(node):
         return f"There is no {key} in the config, for there is no {parent} that could hold it."
-    where, keys = f"in {parent}" if parent else "in the config", [key for key in map(str, node) if key[0] != "_"]
-    return f"There is no {name} {where}; choose from: {', '.join(keys)} (or add it as +{key}=VALUE)."
+    where = f"in {parent}" if parent else "in the config"
+    return f"There is no {name} {where}; {nearest(name, [child for child in map(str, node) if child[0] != "_"])}"
 
 
 def duration(seconds: float) -> str:

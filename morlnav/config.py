@@ -6,22 +6,28 @@ number of objectives or an environment: these *live objects* are handed to every
 
 from __future__ import annotations
 
-import collections.abc
 import difflib
+import functools
+import importlib
 import inspect
 import math
 import re
-import types
 import typing
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from hydra.utils import get_object
-from omegaconf import MissingMandatoryValue, OmegaConf
-from torch import nn
+from omegaconf import OmegaConf
+from omegaconf.errors import MissingMandatoryValue
+
+from morlnav.annotations import describe, fits, held_by, is_kind, makes, members, with_article
 
 T = TypeVar("T")
 SPECIAL = ("_target_", "_partial_", "_convert_", "_recursive_")
+
+
+class ConfigError(ValueError):
+    """What is wrong with a config, in one sentence that names the key."""
 
 
 class Part(Generic[T]):
@@ -39,6 +45,8 @@ class Part(Generic[T]):
         >>> layer(in_features=3, device="cpu", seed=0)  # takes what it names, and leaves the rest
         Linear(in_features=3, out_features=2, bias=True)
     """
+
+    is_lazy: ClassVar[bool] = True
 
     def __init__(self, node: Mapping[str, Any], where: str) -> None:
         self.node, self.where = node, where
@@ -75,9 +83,7 @@ def takes(part: Part | Callable[..., Any]) -> list[str]:
     >>> takes(Part({"_target_": "torch.nn.Identity"}, "features")), takes(lambda a, b: a)
     ([], ['a', 'b'])
     """
-    if isinstance(part, Part):
-        return _Signature.of(part.node, part.where).names
-    return list(inspect.signature(part).parameters)
+    return list(_Signature.of(part).parameters)
 
 
 def setting(part: Part | Callable[..., Any], name: str) -> Any:
@@ -93,11 +99,9 @@ def setting(part: Part | Callable[..., Any], name: str) -> Any:
     given = part.node if isinstance(part, Part) else getattr(part, "keywords", {})
     if name in given:
         return given[name]
-    target = _Signature.of(part.node, part.where).target if isinstance(part, Part) else part
-    parameter = inspect.signature(target).parameters.get(name)
+    parameter = _Signature.of(part).parameters.get(name)
     if parameter is None or parameter.default is parameter.empty:
-        where = f"{part.where}.{name}" if isinstance(part, Part) else name
-        raise ValueError(f"{where} is missing.")
+        raise ConfigError(f"{_join(part.where, name) if isinstance(part, Part) else name} is missing.")
     return parameter.default
 
 
@@ -114,11 +118,21 @@ def supply(part: Part[T] | Callable[..., T], **live: Any) -> T:
     return part(**{name: value for name, value in live.items() if name in names and name not in bound})
 
 
+def classes(part: Part | Callable[..., Any]) -> list[str]:
+    """Full names of the classes that a part is made of, wherever its node found them.
+
+    >>> classes(Part({"_target_": "morlnav.modules.Actor", "features": {"_target_": "morlnav.modules.Flat"}}, "actor"))
+    ['morlnav.modules.networks.Actor', 'morlnav.modules.networks.Flat']
+    """
+    if isinstance(part, Part):
+        of_children = [classes(Part(child, part.where)) for child in part.node.values() if _is_node(child)]
+        return [*classes(_Signature.of(part).target), *(name for names in of_children for name in names)]
+    target = getattr(part, "func", part)
+    return [f"{target.__module__}.{target.__qualname__}"]
+
+
 def plain(node: Any) -> Any:
     """A config as dicts and lists, with every interpolation resolved.
-
-    Raises:
-        ValueError: if a value is missing.
 
     >>> plain(OmegaConf.create({"a": 1, "b": "${a}"}))
     {'a': 1, 'b': 1}
@@ -128,7 +142,7 @@ def plain(node: Any) -> Any:
     try:
         return OmegaConf.to_container(node, resolve=True, throw_on_missing=True)
     except MissingMandatoryValue as error:
-        raise ValueError(f"{error.full_key} is missing; it has no default.") from error
+        raise ConfigError(f"{error.full_key} is missing; give it as {error.full_key}=VALUE.") from error
 
 
 def build(node: Any, where: str = "", /, **live: Any) -> Any:
@@ -148,24 +162,10 @@ def build(node: Any, where: str = "", /, **live: Any) -> Any:
         Linear(in_features=3, out_features=2, bias=True)
         >>> build({"_target_": "torch.nn.Linear", "out_feature": 2}, "layer", in_features=3)
         Traceback (most recent call last):
-        ValueError: layer.out_feature is no argument of torch.nn.Linear; did you mean out_features?
+        morlnav.config.ConfigError: layer.out_feature is no argument of torch.nn.Linear; did you mean out_features?
     """
     node = plain(node)
-    if isinstance(node, list):
-        return [build(child, f"{where}[{i}]", **live) for i, child in enumerate(node)]
-    if not isinstance(node, dict):
-        return node
-    if "_target_" not in node:
-        return {name: build(child, _join(where, name), **live) for name, child in node.items()}
-    signature = _Signature.of(node, where)
-    given: dict[str, Any] = {}
-    for name, value in node.items():
-        if name not in SPECIAL:
-            given[name] = signature.take(name, value, where, lambda child, key: build(child, key, **live))
-    given |= {name: live[name] for name in signature.names if name in live and name not in given}
-    if node.get("_partial_"):
-        return lambda *args, **more: signature.call(where, *args, **(given | more))
-    return signature.call(where, **given)
+    return _Walk(live, {} if where else node, call=True)(node, where, Any)
 
 
 def check(node: Any, where: str = "", live: Collection[str] = (), kind: Any = Any) -> None:
@@ -181,110 +181,7 @@ def check(node: Any, where: str = "", live: Collection[str] = (), kind: Any = An
         ValueError: as :func:`build` would, but for what only a constructor can tell.
     """
     node = plain(node)
-    if isinstance(node, list):
-        for i, child in enumerate(node):
-            check(child, f"{where}[{i}]", live, _inner(kind))
-    if not isinstance(node, dict):
-        return
-    if "_target_" not in node:
-        for name, child in node.items():
-            check(child, _join(where, name), live, _inner(kind))
-        return
-    signature = _Signature.of(node, where)
-    signature.check_kind(kind, where)
-    for name, value in node.items():
-        if name not in SPECIAL:
-            signature.take(
-                name, value, where, lambda child, key, hint=signature.hint(name): check(child, key, live, hint)
-            )
-    missing = [name for name in signature.required if name not in node and name not in live]
-    if missing and not node.get("_partial_"):
-        raise ValueError(f"{_join(where, missing[0])} is missing; {signature.name} needs it.")
-
-
-class _Signature:
-    """What a target takes."""
-
-    def __init__(self, name: str, target: Callable[..., Any]) -> None:
-        self.name, self.target = name, target
-        callee = target.__init__ if inspect.isclass(target) else target
-        parameters = list(inspect.signature(callee).parameters.values())[inspect.isclass(target) :]
-        self.open = any(p.kind is p.VAR_KEYWORD for p in parameters)
-        parameters = [p for p in parameters if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
-        self.names = [p.name for p in parameters]
-        self.required = [p.name for p in parameters if p.default is p.empty]
-        try:
-            self.hints = typing.get_type_hints(callee)
-        except Exception:  # names that exist for type checkers alone
-            self.hints = {}
-
-    @classmethod
-    def of(cls, node: Mapping[str, Any], where: str) -> _Signature:
-        name = node["_target_"]
-        try:
-            target = get_object(name)
-        except Exception as error:
-            raise ValueError(f"{_join(where, '_target_')}: there is no {name} ({_cause(error)}).") from error
-        if not callable(target):
-            raise ValueError(
-                f"{_join(where, '_target_')}: {name} is a {type(target).__name__}, which cannot be called."
-            )
-        return cls(name, target)
-
-    def hint(self, name: str) -> Any:
-        return self.hints.get(name, Any)
-
-    def take(self, name: str, value: Any, where: str, descend: Callable[[Any, str], Any]) -> Any:
-        """The argument that a value of the config becomes."""
-        key, hint = _join(where, name), self.hint(name)
-        if name not in self.names and not self.open:
-            raise ValueError(f"{key} is no argument of {self.name}; {nearest(name, self.names)}")
-        if _is_node(value) and _is_part(hint):
-            check(value, key, _ANY, _inner(hint))
-            return Part(value, key)
-        if isinstance(value, dict) and _is_part(_inner(hint)):
-            for child, node in value.items():
-                if _is_node(node):
-                    check(node, _join(key, child), _ANY, _inner(_inner(hint)))
-            return {child: Part(node, _join(key, child)) if _is_node(node) else node for child, node in value.items()}
-        if not _holds_node(value) and not fits(value, hint):
-            raise ValueError(f"{key} must be {describe(hint)}, got {value!r}.")
-        return descend(value, key)
-
-    def check_kind(self, kind: Any, where: str) -> None:
-        made = self.target if inspect.isclass(self.target) else self.hints.get("return", Any)
-        members = _members(kind)
-        wanted = [typing.get_origin(cls) or cls for cls in members]
-        known = all(inspect.isclass(cls) and cls is not Any and not getattr(cls, "_is_protocol", 0) for cls in wanted)
-        if made is Any or not inspect.isclass(made) or not known:
-            return
-        if not any(issubclass(made, cls) for cls in wanted if cls is not collections.abc.Callable) and not (
-            collections.abc.Callable in wanted and "__call__" in dir(made)
-        ):
-            raise ValueError(
-                f"{_join(where, '_target_')} must make {describe(kind)}, but {self.name} makes a {made.__name__}."
-            )
-
-    def call(self, where: str, *args: Any, **arguments: Any) -> Any:
-        missing = [name for name in self.required[len(args) :] if name not in arguments]
-        if missing:
-            raise ValueError(f"{_join(where, missing[0])} is missing; {self.name} needs it.")
-        try:
-            return self.target(*args, **arguments)
-        except (TypeError, ValueError) as error:
-            if not where or re.match(rf"{re.escape(where)}\b", str(error)):  # a child of it was named
-                raise ValueError(str(error)) from error
-            raise ValueError(f"{where}: {error}") from error
-
-
-class _Any:
-    """Every name is there: which live objects a part is built with is known later."""
-
-    def __contains__(self, _: object) -> bool:
-        return True
-
-
-_ANY: Any = _Any()
+    _Walk(live, {} if where else node, call=False)(node, where, kind)
 
 
 def nearest(name: str, names: Collection[str]) -> str:
@@ -297,101 +194,168 @@ def nearest(name: str, names: Collection[str]) -> str:
     return f"did you mean {close[0]}?" if close else f"choose from: {', '.join(names) or 'nothing'}."
 
 
-def fits(value: Any, hint: Any) -> bool:
-    """Whether a value of a config is what an argument's annotation asks for; numbers must be finite.
+class _Walk:
+    """Goes through a config beside the annotations that say what becomes of each value.
 
-    >>> fits(1, float), fits(1.5, int), fits(True, int), fits(None, int | None), fits([0.5, 1], tuple[float, float])
-    (True, False, False, True, True)
+    Args:
+        live: live objects by name, or their names.
+        root: the whole config, one of whose keys a misplaced one may have meant.
+        call: whether to build.
     """
-    if isinstance(value, float) and not math.isfinite(value):
-        return False
-    origin, inner = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        return any(fits(value, member) for member in inner)
-    if origin is typing.Literal:
-        return value in inner
-    if hint is float:
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    if hint is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    if hint in (bool, str):
-        return isinstance(value, hint)
-    if hint in (None, type(None)):
-        return value is None
-    kind = origin or hint
-    if inspect.isclass(kind) and kind is not str and issubclass(kind, collections.abc.Mapping):
-        return isinstance(value, dict) and all(fits(child, inner[1]) for child in value.values() if inner)
-    if inspect.isclass(kind) and issubclass(kind, collections.abc.Sequence | collections.abc.Set):
-        if not isinstance(value, list):
-            return False
-        fixed = kind is tuple and inner and inner[-1] is not Ellipsis
-        wanted = inner if fixed else [inner[0] if inner else Any] * len(value)
-        return len(wanted) == len(value) and all(map(fits, value, wanted))
-    if hint is Any or isinstance(hint, TypeVar) or not inspect.isclass(kind):
+
+    def __init__(self, live: Collection[str], root: Any, call: bool) -> None:
+        self.live, self.root, self.call = live, root, call
+
+    def __call__(self, value: Any, where: str, hint: Any) -> Any:
+        """What a value becomes where an annotation asks for ``hint``."""
+        if _is_node(value):
+            return self._node(value, where, hint)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ConfigError(f"{where} must be a finite number, got {value}.")
+        kinds = held_by(value, hint) if isinstance(value, dict | list) else None
+        if kinds is None and (isinstance(value, dict | list) or not fits(value, hint)):
+            raise ConfigError(f"{where or 'A config'} must be {describe(hint)}, got {_shown(value)}.")
+        if isinstance(value, dict):
+            return {n: self(v, _join(where, n), kind) for (n, v), kind in zip(value.items(), kinds, strict=True)}
+        if isinstance(value, list):
+            return [self(v, f"{where}[{i}]", kind) for i, (v, kind) in enumerate(zip(value, kinds, strict=True))]
+        return value
+
+    def _node(self, node: dict[str, Any], where: str, hint: Any) -> Any:
+        lazy = [member for member in members(hint) if is_kind(member, Part)]
+        if lazy:
+            _Walk(_EVERYTHING, self.root, call=False)(node, where, (*typing.get_args(lazy[0]), Any)[0])
+            return Part(node, where)
+        part, partial = _Signature.of(Part(node, where)), bool(node.get("_partial_"))
+        if not partial and (made := makes(part.target, part.hints.get("return"), hint)):
+            raise ConfigError(
+                f"{_join(where, '_target_')} must make {describe(hint)}, but {part.name} makes {with_article(made)}."
+            )
+        given = {name: self(value, _join(where, name), part.hint(name, where, self.root))
+                 for name, value in node.items() if name not in SPECIAL}  # fmt: skip
+        missing = [name for name in part.required if name not in given and name not in self.live]
+        if missing and not partial:
+            raise ConfigError(f"{_join(where, missing[0])} is missing; {part.name} needs it.")
+        if not self.call:
+            return None
+        given |= {name: self.live[name] for name in part.parameters if name in self.live and name not in given}
+        call = functools.partial(part.call, where, **given)
+        return call if partial else call()
+
+
+class _Signature:
+    """What a target takes. One that passes ``**settings`` on to its base takes what the base takes."""
+
+    def __init__(self, name: str, target: Callable[..., Any]) -> None:
+        self.name, self.target, self.open = name, target, True
+        self.parameters: dict[str, inspect.Parameter] = {}
+        self.hints: dict[str, Any] = {}
+        own = [vars(cls)["__init__"] for cls in getattr(target, "__mro__", ()) if "__init__" in vars(cls)]
+        for callee in own if inspect.isclass(target) else [target]:
+            if self.open:
+                self._add(callee, skip=inspect.isclass(target))
+        self.required = [name for name, p in self.parameters.items() if p.default is p.empty]
+
+    def _add(self, callee: Callable[..., Any], skip: bool) -> None:
+        if callee is object.__init__:
+            return
+        parameters, hints = list(inspect.signature(callee).parameters.values())[skip:], _hints(callee)
+        self.open = any(p.kind is p.VAR_KEYWORD for p in parameters)
+        for p in parameters:
+            if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL) and p.name not in self.parameters:
+                hint = hints.get(p.name, Any)
+                self.parameters[p.name], self.hints[p.name] = p, hint | None if p.default is None else hint
+        self.hints.setdefault("return", hints.get("return", Any))
+
+    @classmethod
+    def of(cls, part: Part | Callable[..., Any]) -> _Signature:
+        if not isinstance(part, Part):
+            return cls(getattr(part, "__qualname__", repr(part)), part)
+        name, key = part.node["_target_"], _join(part.where, "_target_")
+        if not isinstance(name, str):
+            raise ConfigError(f"{key} must be the name of a class or function, got {_shown(name)}.")
+        try:
+            target = get_object(name)
+        except Exception as error:
+            raise ConfigError(f"{key}: there is no {name} ({_cause(error)}){_beside(name)}") from error
+        if not callable(target):
+            raise ConfigError(f"{key}: {name} is a {type(target).__name__}, which cannot be called.")
+        return cls(name, target)
+
+    def hint(self, name: str, where: str, root: Mapping[str, Any]) -> Any:
+        """What the argument ``name`` asks for; unknown ones are refused."""
+        if name in self.parameters or self.open:
+            return self.hints.get(name, Any)
+        meant = f"did you mean {name} at the root?" if where and name in root else nearest(name, self.parameters)
+        raise ConfigError(f"{_join(where, name)} is no argument of {self.name}; {meant}")
+
+    def call(self, where: str, /, *args: Any, **arguments: Any) -> Any:
+        try:
+            return self.target(*args, **arguments)
+        except (ConfigError, OSError):  # say where already
+            raise
+        except Exception as error:
+            message = _first_line(error)
+            if not isinstance(error, TypeError | ValueError):
+                message = f"{type(error).__name__}: {message}"
+            separator = "." if re.split(r"[^\w]", message)[0] in self.parameters else ": "
+            raise ConfigError(f"{where}{separator}{message}" if where else message) from error
+
+
+class _Everything:
+    """Every name is there: which live objects a part is built with is known later."""
+
+    def __contains__(self, _: object) -> bool:
         return True
-    if kind.__module__.startswith(("torch", "numpy")) and kind.__name__ in ("Tensor", "ndarray"):
-        return isinstance(value, int | float | list) and not isinstance(value, bool)
-    if kind.__name__ in ("Path", "PurePath", "device"):
-        return isinstance(value, str)
-    ours = kind.__module__.startswith("morlnav") or issubclass(kind, nn.Module)
-    return not ours or isinstance(value, kind)  # other libraries know what else they take
 
 
-def describe(hint: Any) -> str:
-    """An annotation in words.
+_EVERYTHING: Any = _Everything()
 
-    >>> describe(float | None), describe(list[int])
-    ('a number or null', 'a list (each a whole number)')
-    """
-    names = {float: "a number", int: "a whole number", bool: "true or false", str: "a word", type(None): "null"}
-    origin, inner = typing.get_origin(hint), typing.get_args(hint)
-    if hint in names:
-        return names[hint]
-    if origin in (typing.Union, types.UnionType):
-        return " or ".join(dict.fromkeys(map(describe, inner)))
-    if origin is typing.Literal:
-        return f"one of {', '.join(map(str, inner))}"
-    kind = origin or hint
-    if kind is Part:
-        return f"a node that makes {describe(inner[0])}"
-    if inspect.isclass(kind) and issubclass(kind, collections.abc.Mapping):
-        return "a mapping" + (f" (each {describe(inner[1])})" if inner else "")
-    if inspect.isclass(kind) and issubclass(kind, collections.abc.Sequence):
-        return "a list" + (f" (each {describe(inner[0])})" if inner and inner[0] is not Any else "")
-    return f"a {getattr(kind, '__name__', kind)}"
+
+def _hints(callee: Callable[..., Any]) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(callee)
+    except Exception:  # some of the names are there for type checkers alone
+        scope, found = getattr(inspect.unwrap(callee), "__globals__", {}), {}
+        for name, annotation in getattr(callee, "__annotations__", {}).items():
+            try:
+                found[name] = eval(annotation, scope) if isinstance(annotation, str) else annotation
+            except Exception:
+                found[name] = Any
+        return found
+
+
+def _beside(name: str) -> str:
+    """What a module holds whose name is nearest to one that it does not hold."""
+    module, _, wanted = name.rpartition(".")
+    try:
+        close = difflib.get_close_matches(wanted, dir(importlib.import_module(module)), 1)
+    except Exception:
+        close = []
+    return f"; did you mean {module}.{close[0]}?" if close else "."
 
 
 def _join(where: str, name: str) -> str:
-    return f"{where}.{name}" if where else name
+    return f"{where}.{name}" if where else str(name)
 
 
 def _is_node(value: Any) -> bool:
     return isinstance(value, dict) and "_target_" in value
 
 
-def _holds_node(value: Any) -> bool:
-    children = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return _is_node(value) or any(map(_holds_node, children))
-
-
-def _members(hint: Any) -> list[Any]:
-    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
-    return [member for member in (typing.get_args(hint) if union else [hint]) if member is not type(None)]
-
-
-def _is_part(hint: Any) -> bool:
-    return any((typing.get_origin(member) or member) is Part for member in _members(hint))
-
-
-def _inner(hint: Any) -> Any:
-    """Of what kind the members of a container are, or what a part makes."""
-    for member in _members(hint):
-        if inner := typing.get_args(member):
-            return inner[-1] if inner[-1] is not Ellipsis else inner[0]
-    return Any
+def _shown(value: Any) -> str:
+    if value is None:
+        return "null"
+    if isinstance(value, dict):
+        return f"the node of {value['_target_']}" if _is_node(value) else "a mapping without _target_"
+    return repr(value)
 
 
 def _cause(error: BaseException) -> str:
     while error.__cause__ is not None:
         error = error.__cause__
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+    return _first_line(error)
+
+
+def _first_line(error: BaseException) -> str:
+    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

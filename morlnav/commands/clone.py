@@ -22,8 +22,9 @@ from morlnav.navigation.audit.noise import noisy_rollouts
 from morlnav.navigation.envs import GoalProgress
 from morlnav.navigation.evaluation import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import _interval
-from morlnav.navigation.record.plots import COLOURS, INK, _tidy
+from morlnav.navigation.record.plots import _tidy
 from morlnav.navigation.world import Scene
+from morlnav.record.colours import COLOURS, INK
 from morlnav.runs import make_training
 from morlnav.runs.run import OF_THE_COMMAND
 from morlnav.trainers import Training, live_objects

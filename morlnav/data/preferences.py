@@ -9,7 +9,7 @@ from math import prod
 import torch
 from torch import Tensor
 
-from morlnav.data.simplex import check_at_least, simplex_grid
+from morlnav.simplex import check_at_least, simplex_grid
 
 
 class PreferenceSampler(ABC):
@@ -77,7 +77,7 @@ class DirichletPreferences(PreferenceSampler):
         torch.Size([16, 3])
     """
 
-    def __init__(self, num_objectives: int, concentration: float | Sequence[float] = 1.0) -> None:
+    def __init__(self, num_objectives: int, concentration: float | Sequence[float] = 0.5) -> None:
         super().__init__(num_objectives)
         self.concentration = torch.as_tensor(concentration, dtype=torch.float32)
         if self.concentration.ndim and self.concentration.shape != (num_objectives,):
@@ -155,7 +155,7 @@ class CornerWeightedPreferences(PreferenceSampler):
         tensor(1.)
     """
 
-    def __init__(self, num_objectives: int, corner: float = 0.2, edge: float = 0.3) -> None:
+    def __init__(self, num_objectives: int, corner: float = 0.5, edge: float = 0.2) -> None:
         super().__init__(num_objectives)
         if not (corner >= 0 and edge >= 0 and corner + edge <= 1):
             raise ValueError(f"corner and edge must be shares that sum to at most 1, got {corner} and {edge}.")

@@ -10,11 +10,11 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-from morlnav.data.simplex import preference_edges, simplex_grid
 from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
 from morlnav.evaluation.labels import preference_label
 from morlnav.evaluation.pareto import expected_utility
 from morlnav.evaluation.returns import discounted_returns, eval_env
+from morlnav.simplex import preference_edges, simplex_grid
 
 HELD_OUT = 2**31
 """Episodes of an evaluation are seeded from here on, those of a training below it."""
@@ -27,8 +27,8 @@ class Evaluation:
         episodes: per preference.
         steps: preferences are all pairwise interpolations of corners in so many steps.
         seed: of the episodes, which no training sees.
-        reference: reference point of the hypervolume, a number per reward or by name; ``None`` takes one below the worst
-            that the rewards can add up to.
+        reference: reference point of the hypervolume, a number per reward or by name; ``None`` takes one below the
+            worst that the rewards can add up to.
         make_env: ``make_env(num_envs=...)`` makes an environment that keeps a preference handed to ``reset``.
         rewards: names of the entries of the reward, static ones first.
         num_objectives: entries of λ.
@@ -54,10 +54,11 @@ class Evaluation:
         scalarisation: nn.Module | None = None,
         max_steps: int = 1000,
     ) -> None:
-        if episodes < 1 or steps < 1 or not 0 <= seed < HELD_OUT:
-            raise ValueError(
-                f"Needed are episodes >= 1, steps >= 1 and 0 <= seed < 2**31, got {episodes}, {steps} and {seed}."
-            )
+        for name, value in {"episodes": episodes, "steps": steps}.items():
+            if value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}.")
+        if not 0 <= seed < HELD_OUT:
+            raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, got {seed}.")
         self.episodes, self.steps, self.seed = episodes, steps, seed
         self.make_env, self.rewards, self.num_objectives, self.max_steps = (
             make_env,
@@ -109,7 +110,7 @@ class Evaluation:
         text = f"{_markdown(shown)}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
         (directory / "table.md").write_text(text + "\n", encoding="utf-8")
         if self.num_objectives > 1:
-            from morlnav.record.front_plot import plot_front  # loads matplotlib
+            from morlnav.evaluation.front_plot import plot_front  # loads matplotlib
 
             plot_front(table).savefig(directory / "front.png", dpi=150)
         return table
@@ -120,7 +121,7 @@ class Evaluation:
 
         table, console = pd.read_csv(output / "front.csv"), make_console()
         shown = [name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]
-        print_table(table[shown].rename(columns=lambda name: name.removeprefix("lambda_").replace("_", " ")), console)
+        print_table(table[shown].rename(columns=lambda name: name.replace("lambda_", "λ ").replace("_", " ")), console)
         console.print(describe_front(table))
 
     @staticmethod
@@ -149,6 +150,6 @@ class Evaluation:
 
 
 def _markdown(table: pd.DataFrame) -> str:
-    cells = [[name.removeprefix("lambda_").replace("_", " ") for name in table], ["--:"] * table.shape[1]]
+    cells = [[name.replace("lambda_", "λ ").replace("_", " ") for name in table], ["--:"] * table.shape[1]]
     cells += [[f"{value:.4g}" for value in row] for row in table.itertuples(index=False)]
     return "\n".join(f"| {' | '.join(row)} |" for row in cells)

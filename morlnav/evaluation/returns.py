@@ -82,7 +82,7 @@ def _returns(
 
 
 def eval_env(env: EnvBase) -> EnvBase:
-    """An environment in evaluation mode, and what it wraps too, which TorchRL's ``TransformedEnv.eval`` leaves as it is.
+    """An environment in evaluation mode, with what it wraps, which TorchRL's ``TransformedEnv.eval`` leaves as it is.
 
     Examples:
         >>> from morlnav import NavigationEnv

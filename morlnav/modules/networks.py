@@ -115,7 +115,7 @@ class Actor(ActionBounds):
         action_low: Tensor | list[float],
         action_high: Tensor | list[float],
         features: nn.Module | int,
-        depth: int = 4,
+        depth: int = 3,
         num_cells: int = 256,
         preference_scale: float = 1.0,
     ) -> None:
@@ -177,7 +177,7 @@ class VectorCritic(ActionBounds):
         action_low: Tensor | list[float],
         action_high: Tensor | list[float],
         features: nn.Module | int,
-        depth: int = 4,
+        depth: int = 3,
         num_cells: int = 256,
         preference_scale: float = 1.0,
         afterstate: nn.Module | None = None,

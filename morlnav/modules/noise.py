@@ -34,7 +34,7 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
         device: of the buffers.
 
     Raises:
-        ValueError: if ``greedy`` is no share.
+        ValueError: if ``greedy`` is no share, or the factor of the noise rises or is negative.
 
     Examples:
         >>> from tensordict import TensorDict
@@ -46,9 +46,9 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
 
     def __init__(
         self,
-        greedy: float = 0.0,
+        greedy: float = 0.5,
         spec: TensorSpec | None = None,
-        sigma_init: float = 1.0,
+        sigma_init: float = 0.3,
         sigma_end: float = 0.1,
         annealing_num_steps: int = 1000,
         mean: float = 0.0,
@@ -58,6 +58,8 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
         safe: bool = False,
         device: torch.device | None = None,
     ) -> None:
+        if not 0 <= sigma_end <= sigma_init:
+            raise ValueError(f"sigma_init and sigma_end must fall, 0 <= end <= init, got {sigma_init} and {sigma_end}.")
         super().__init__(
             spec, sigma_init, sigma_end, annealing_num_steps, mean, std, action_key=action_key, safe=safe, device=device
         )

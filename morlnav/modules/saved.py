@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ OURS = ("morlnav.modules.", "morlnav.navigation.modules.")
 
 def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | None = None) -> None:
     """Write a module as two files: its weights into ``path``, and what it is into the same name with ``.json``.
+
+    The description holds the SHA-256 of the weights, so that a changed file is noticed when it is loaded.
 
     Args:
         model: made of classes with a method ``config()``, which gives their constructor's arguments; arguments may be
@@ -40,9 +43,10 @@ def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
     check_weights(model, str(path))
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write(path, {"model": _describe(model), "facts": dict(facts or {})})
+    description = {"model": _describe(model), "facts": dict(facts or {})}
     unfinished = path.with_name(f"{path.name}.part")
     torch.save(model.state_dict(), unfinished)
+    _write(path, description | {"sha256": _digest(unfinished)})
     unfinished.replace(path)  # last, and at once: where the weights are, they are whole, and so is the rest
 
 
@@ -66,7 +70,9 @@ def read_facts(path: str | Path) -> dict[str, Any]:
     return _read(path)["facts"]
 
 
-def load_module(path: str | Path, device: torch.device | str = "cpu", trust: bool = False) -> nn.Module:
+def load_module(
+    path: str | Path, device: torch.device | str = "cpu", trust: bool | Collection[str] = False
+) -> nn.Module:
     """The module of :func:`save_module`, frozen: in evaluation mode, without gradients for its weights.
 
     Only modules of this package are built and nothing is unpickled, so files of strangers do no harm.
@@ -74,14 +80,18 @@ def load_module(path: str | Path, device: torch.device | str = "cpu", trust: boo
     Args:
         path: of the weights.
         device: where to put them.
-        trust: also build classes from outside this package. Only for files of your own: it runs their code.
+        trust: also build classes from outside this package: all, which is only for files of your own, for it runs their
+            code; or those of these names.
 
     Raises:
         FileNotFoundError: if one of the two files is missing.
         ValueError: if a file is damaged, names a foreign class, or the two do not belong together.
     """
+    description = _read(path)
+    if description["sha256"] not in (None, _digest(Path(path))):
+        raise ValueError(f"{path} is damaged: it does not hold the weights that were saved.")
     with torch.random.fork_rng(devices=[]):  # what is drawn afterwards does not depend on what was loaded
-        model = _build(_read(path)["model"], Path(path).with_suffix(".json"), trust)
+        model = _build(description["model"], Path(path).with_suffix(".json"), trust)
     model = load_weights(model, path, device).requires_grad_(False)
     check_weights(model, str(path))
     return model
@@ -112,6 +122,11 @@ def load_weights(model: nn.Module, path: str | Path, device: torch.device | str 
     return model.to(device).eval()
 
 
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     text = json.dumps(content, indent=2)  # first, for it may fail
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
@@ -124,9 +139,12 @@ def _read(path: str | Path) -> dict[str, Any]:
             raise FileNotFoundError(f"There is no {file}; a saved module is two files, {path} and {description.name}.")
     try:
         content = json.loads(description.read_text(encoding="utf-8"))
-        return {"model": dict(content["model"]), "facts": dict(content["facts"])}
+        read = {"model": dict(content["model"]), "facts": dict(content["facts"]), "sha256": content.get("sha256")}
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{description} does not describe a saved module; save it again.") from error
+    if "_target_" not in read["model"]:
+        raise ValueError(f"{description} was made by morlnav 0.1, which this version does not read; train it again.")
+    return read
 
 
 def _describe(value: Any) -> Any:
@@ -140,7 +158,7 @@ def _describe(value: Any) -> Any:
     return [_describe(child) for child in value] if isinstance(value, list | tuple) else value
 
 
-def _build(value: Any, file: Path, trust: bool) -> Any:
+def _build(value: Any, file: Path, trust: bool | Collection[str]) -> Any:
     if isinstance(value, list):
         return [_build(child, file, trust) for child in value]
     if not isinstance(value, dict):
@@ -155,8 +173,9 @@ def _build(value: Any, file: Path, trust: bool) -> Any:
         raise ValueError(f"{file} describes a {cls.__name__} that cannot be built: {error}") from error
 
 
-def _find(target: str, file: Path, trust: bool) -> type[nn.Module]:
-    if not trust and not target.startswith(OURS):
+def _find(target: str, file: Path, trust: bool | Collection[str]) -> type[nn.Module]:
+    ours = target.startswith(OURS)
+    if not ours and trust is not True and target not in (trust or ()):
         raise ValueError(
             f"{file} names the foreign class {target}; if it is your own, load it with trust=True (--trust on the "
             f"command line)."
@@ -166,6 +185,6 @@ def _find(target: str, file: Path, trust: bool) -> type[nn.Module]:
         cls = getattr(import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise ValueError(f"{file} names {target}, which is not there: {error}") from error
-    if not (isinstance(cls, type) and issubclass(cls, nn.Module)) or (not trust and cls.__module__ != module):
+    if not (isinstance(cls, type) and issubclass(cls, nn.Module)) or (ours and cls.__module__ != module):
         raise ValueError(f"{file} names {target}, which is no module of this package.")
     return cls

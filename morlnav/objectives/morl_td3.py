@@ -14,8 +14,8 @@ from torchrl.data import TensorSpec
 from torchrl.envs.utils import step_mdp
 from torchrl.objectives.utils import distance_loss
 
+from morlnav.modules.scalarisation import LinearScalarisation
 from morlnav.objectives.actor_critic import VectorActorCriticLoss
-from morlnav.objectives.scalarisation import LinearScalarisation
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
 
 LOSS_FUNCTIONS = ("l2", "l1", "smooth_l1")
@@ -49,24 +49,22 @@ class MORLTD3Loss(VectorActorCriticLoss):
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
         terms: what else the losses hold, by the name under which it is reported; see
             :class:`~morlnav.objectives.terms.LossTerm`.
-        reward_bounds: least and largest reward of a step, each ``[m]`` or one number, infinite where unknown. Targets
-            then stay within what any policy can return (:class:`ReturnBounds`), so that no actor can feed on a critic's
-            overestimate.
+        return_bounds: keeps targets within what any policy can return, as :class:`ReturnBounds` does, so that no actor
+            can feed on a critic's overestimate; ``None`` leaves them as they are.
 
     Raises:
-        ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, ``pessimism``
-            outside [0, 1], more critics for the actor than there are, a list of other than ``num_qvalue_nets``
-            different critics, or a least reward above the largest.
+        ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, negative noise,
+            ``pessimism`` outside [0, 1], no critic, more critics for the actor than there are, or a list of other than
+            ``num_qvalue_nets`` different critics.
         TypeError: for a term that is no ``LossTerm``.
 
     Examples:
         >>> from morlnav.modules import Actor, VectorCritic
         >>> from morlnav.objectives.terms import AngleTerm
         >>> low, high = torch.tensor([0.0, -3.14]), torch.tensor([0.5, 3.14])
-        >>> actor = TensorDictModule(Actor(2, low, high), ["observation", "preference"], ["action"])
-        >>> critic = TensorDictModule(
-        ...     VectorCritic(3, 2, low, high), ["observation", "preference", "action"], ["state_action_value"]
-        ... )
+        >>> actor = TensorDictModule(Actor(2, low, high, features=34), ["observation", "preference"], ["action"])
+        >>> critic = VectorCritic(3, 2, low, high, features=34)
+        >>> critic = TensorDictModule(critic, ["observation", "preference", "action"], ["state_action_value"])
         >>> loss = MORLTD3Loss(actor, critic, bounds=(low, high), terms={"angle": AngleTerm(actor=0.05)})
         >>> batch = TensorDict(
         ...     observation=torch.randn(8, 34), preference=torch.full((8, 2), 0.5), action=torch.rand(8, 2),
@@ -101,13 +99,17 @@ class MORLTD3Loss(VectorActorCriticLoss):
         loss_function: Literal["l2", "l1", "smooth_l1"] = "l2",
         pessimism: float = 0.5,
         scalarisation: nn.Module | None = None,
-        terms: Mapping[str, LossTerm] | None = None,
+        terms: Mapping[str, LossTerm | None] | None = None,
         return_bounds: nn.Module | None = None,
     ) -> None:
         if loss_function not in LOSS_FUNCTIONS:
             raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
         if not 0 <= pessimism <= 1:
             raise ValueError(f"pessimism must be between 0 and 1, got {pessimism}.")
+        if num_qvalue_nets < 1:
+            raise ValueError(f"num_qvalue_nets must be at least 1, got {num_qvalue_nets}.")
+        if policy_noise < 0 or noise_clip < 0:
+            raise ValueError(f"policy_noise and noise_clip must not be negative, got {policy_noise} and {noise_clip}.")
         if not 1 <= actor_qvalue_nets <= num_qvalue_nets:
             raise ValueError(f"actor_qvalue_nets must be between 1 and {num_qvalue_nets}, got {actor_qvalue_nets}.")
         terms = {name: term for name, term in (terms or {}).items() if term is not None}

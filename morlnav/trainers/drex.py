@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 from torchrl.record.loggers import Logger
 
-from morlnav.config import Part, supply
+from morlnav.config import Part, classes, supply
 from morlnav.data import SnippetPairs, roll_out_ranked
 from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, read_facts, save_module
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
@@ -85,8 +85,10 @@ class Cloning:
         batch_size: int = 512,
         held_out: float = 0.05,
     ) -> None:
-        if batch_size < 1 or not 0 <= held_out < 1:
-            raise ValueError(f"Needed are batch_size >= 1 and 0 <= held_out < 1, got {batch_size} and {held_out}.")
+        if batch_size < 1:
+            raise ValueError(f"batch_size must be at least 1, got {batch_size}.")
+        if not 0 <= held_out < 1:
+            raise ValueError(f"held_out must be from 0 to below 1, got {held_out}.")
         self.actor, self.fit = actor, fit
         self.loss_function, self.batch_size, self.held_out = loss_function, batch_size, held_out
 
@@ -139,7 +141,7 @@ class Ranking:
         temperature: float = 10.0,
         batch_size: int = 160,
         held_out: float = 0.1,
-        members: Sequence[Sequence[str]] = (("observation", "action"),),
+        members: Sequence[Sequence[str]] = (("observation",),) * 3 + (("observation", "action"),) * 3,
         reduce: Literal["mean", "pessimistic"] = "pessimistic",
         normalise: bool = True,
     ) -> None:
@@ -165,6 +167,12 @@ class Ranking:
         self.levels, self.episodes, self.snippet = list(levels), episodes, snippet
         self.aggregate, self.temperature, self.batch_size = aggregate, temperature, batch_size
         self.members, self.reduce, self.normalise = members, reduce, normalise
+
+    def try_parts(self, live: Mapping[str, Any]) -> None:
+        """Make noise and models once, to find out what they refuse before anything is rolled out."""
+        supply(self.noise, **{**live, "epsilon": torch.zeros(1)})
+        for inputs in self.members:
+            supply(self.model, **{**live, "inputs": list(inputs)})
 
     def roll_out(self, clone: Policy, make_env: Callable[[int], EnvBase], live: Mapping[str, Any]) -> TensorDict:
         """The clone under every noise level, ``[levels, episodes, T]``."""
@@ -238,7 +246,7 @@ class DREX:
 
     def __init__(
         self,
-        demonstrations: Mapping[str, Demonstrations],
+        demonstrations: Mapping[str, Demonstrations | None],
         clone: Cloning,
         ranking: Ranking,
         audit: Any = None,
@@ -255,15 +263,23 @@ class DREX:
     ) -> None:
         if num < 1:
             raise ValueError(f"num must be at least 1, got {num}.")
+        if scale <= 0:
+            raise ValueError(f"scale must be positive, got {scale}.")
         self.num = num
         self.demonstrations = {name: source for name, source in demonstrations.items() if source is not None}
         self.clone, self.ranking, self.audit = clone, ranking, audit
         self.scale, self.offset, self.seed = scale, offset, seed
         self.make_env, self.progress_bar = make_env, progress_bar
         self.live = live_objects(make_env(num_envs=1)) | {"max_steps": max_steps}
+        self.trust = {*classes(clone.actor), *classes(ranking.model)}
         self.stages = {
             name: Cache(
-                cache, config and _of_one(config, name, source.key), seed, progress_bar, name if name != "demo" else ""
+                cache,
+                config and _of_one(config, name, source.key),
+                seed,
+                progress_bar,
+                name if name != "demo" else "",
+                self.trust,
             )
             for name, source in self.demonstrations.items()
         }
@@ -316,7 +332,7 @@ class DREX:
         return data, stages.keep_module("clone", lambda: (self._clone(data, **display, name=label), {}))[0]
 
     def restore(self, directory: Path) -> dict[str, LearnedReward]:
-        """The rewards that :meth:`learn` left in a run directory.
+        """The rewards that :meth:`learn` left in a run directory; without clones where they are missing and not asked.
 
         Raises:
             FileNotFoundError: if one is missing.
@@ -325,15 +341,12 @@ class DREX:
         return {name: self._restore(name, place(directory, name)) for name in self.demonstrations}
 
     def _restore(self, name: str, directory: Path) -> LearnedReward:
-        policy, file, origin = (
-            self.demonstrations[name].policy,
-            directory / REWARD_FILE,
-            self.stages[name].origin("ranking"),
-        )
+        policy, origin = self.demonstrations[name].policy, self.stages[name].origin("ranking")
+        file, imitator = directory / REWARD_FILE, directory / CLONE_FILE
         if origin is not None and read_facts(file).get("origin") != origin:
             raise ValueError(f"{file} was learned by another config than that of this run.")
-        clone = load_module(directory / CLONE_FILE)
-        return self._learned(name, load_module(file), policy or clone, clone)
+        clone = None if policy is not None and not imitator.is_file() else load_module(imitator, trust=self.trust)
+        return self._learned(name, load_module(file, trust=self.trust), policy or clone, clone)
 
     def _learned(
         self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module, data: TensorDict | None = None
@@ -346,6 +359,7 @@ class DREX:
         """Rewards of nothing, to try whether everything else fits."""
         nothing = {name: lambda observation, action: action[..., 0] * 0 for name in self.demonstrations}
         clone = supply(self.clone.actor, **{**self.live, "num_objectives": 0})
+        self.ranking.try_parts(self.live)
         return {name: self._learned(name, reward, clone, clone) for name, reward in nothing.items()}
 
     def _clone(self, data: TensorDict, **display: Any) -> nn.Module:

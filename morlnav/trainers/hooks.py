@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 from morlnav.evaluation import Evaluation
-from morlnav.objectives.scalarisation import by_name
+from morlnav.modules.scalarisation import by_name
 
 
 class PeriodicHook(TrainerHookBase):
@@ -84,7 +84,7 @@ class AnnealDiscount(TrainerHookBase):
         ends = by_name(end, rewards, "end")
         self.ends = ends if isinstance(ends, list) else [ends]
         if not all(0 <= start <= value <= 1 for value in self.ends):
-            raise ValueError(f"Discounts need 0 <= start <= end <= 1, got start={start} and end={end}.")
+            raise ValueError(f"start and end must be discounts, 0 <= start <= end <= 1, got {start} and {end}.")
         if len(self.ends) not in (1, len(rewards)):
             raise ValueError(f"end needs one discount, or one for each of {', '.join(rewards)}; got {len(self.ends)}.")
         if not 0 <= fraction <= 1:
@@ -191,10 +191,11 @@ class LogEpisodes(PeriodicHook):
             values["return_scalarised"] = (weights * returns).sum(-1)
         outcome = episodes.get("outcome", None)
         values |= {} if outcome is None else {f"ended_{name}": flag.squeeze(-1) for name, flag in outcome.items()}
-        if "truncated" in episodes.keys():
-            values["timeout"] = (episodes.get("truncated") & ~episodes.get("terminated")).squeeze(-1)
-        if "step_count" in episodes.keys():
-            values["episode_length"] = episodes.get("step_count").squeeze(-1)
+        truncated, steps = episodes.get("truncated", None), episodes.get("step_count", None)
+        if truncated is not None:
+            values["timeout"] = (truncated & ~episodes.get("terminated")).squeeze(-1)
+        if steps is not None:
+            values["episode_length"] = steps.squeeze(-1)
         return {name: value.float() for name, value in values.items()}
 
     def _write(self, means: Tensor, frames: int) -> None:
@@ -297,8 +298,9 @@ class EvaluatePolicy(PeriodicHook):
         policy: torch.nn.Module,
     ) -> None:
         super().__init__(interval)
-        if episodes < 1 or steps < 1:
-            raise ValueError(f"episodes and steps must be at least 1, got {episodes} and {steps}.")
+        for name, value in {"episodes": episodes, "steps": steps}.items():
+            if value < 1:
+                raise ValueError(f"{name} must be at least 1, got {value}.")
         self.episodes, self.steps, self.evaluation, self.policy = episodes, steps, evaluation, policy
 
     def __call__(self, batch: Any = None) -> None:

@@ -12,8 +12,8 @@ from morlnav.trainers.hooks import PeriodicHook, log_scalar
 class FitInterpolator(PeriodicHook):
     """Measure the value of every key preference by roll-outs of the averaged actor, and refit interpolators to them.
 
-    It serves every term of the trainer's loss that has an ``interpolator``, such as the angle. A key's value is the mean
-    discounted return vector of some episodes, the same for every key, with the loss's present discount.
+    It serves every term of the trainer's loss that has an ``interpolator``, such as the angle. A key's value is the
+    mean discounted return vector of some episodes, the same for every key, with the loss's present discount.
 
     Args:
         interval: environment steps of the training between two measurements.
@@ -36,7 +36,7 @@ class FitInterpolator(PeriodicHook):
     def __call__(self) -> None:
         """Measure and refit if it is due."""
         loss = self.trainer.loss_module
-        terms = [term for term in loss.terms.values() if getattr(term, "interpolator", None) is not None]
+        terms = [term for term in loss.terms.values() if hasattr(getattr(term, "interpolator", None), "preferences")]
         if not terms or not self.due():
             return
         gamma = loss.value_estimator.gamma

@@ -16,7 +16,7 @@ from torchrl.objectives.utils import TargetNetUpdater
 from torchrl.trainers.algorithms.td3 import TD3OptimizationStepper
 from torchrl.trainers.trainers import Trainer
 
-from morlnav.config import Part, supply
+from morlnav.config import Part, setting, supply, takes
 from morlnav.objectives import MORLTD3Loss
 
 TD3_KEYS = frozenset(TD3Loss.out_keys)
@@ -62,11 +62,13 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         actor: nn.Module,
         total_updates: int = 1,
     ) -> None:
-        if policy_update_delay < 1 or not 0 <= average_decay < 1:
-            raise ValueError(
-                f"Needed are policy_update_delay >= 1 and 0 <= average_decay < 1, got {policy_update_delay} and "
-                f"{average_decay}."
-            )
+        if policy_update_delay < 1:
+            raise ValueError(f"policy_update_delay must be at least 1, got {policy_update_delay}.")
+        if not 0 <= average_decay < 1:
+            raise ValueError(f"average_decay must be from 0 to below 1, got {average_decay}.")
+        tau = setting(target_net_updater, "tau") if "tau" in takes(target_net_updater) else None
+        if tau is not None and not 0 < tau <= 1:  # TorchRL speaks of its eps = 1 - tau, and lets targets stand still
+            raise ValueError(f"target_net_updater.tau must be above 0 and at most 1, got {tau}.")
         self.optimizers = {
             "actor": supply(optimizer_actor, params=list(loss.actor_network_params.parameters())),
             "critic": supply(optimizer_critic, params=list(loss.qvalue_network_params.parameters())),
@@ -157,8 +159,10 @@ def linear_decay(optimizer: optim.Optimizer, total_steps: int, start: float = 0.
         >>> schedule.get_last_lr()
         [0.5]
     """
-    if not (0 <= start < 1 and 0 <= end <= 1):
-        raise ValueError(f"Needed are 0 <= start < 1 and 0 <= end <= 1, got {start} and {end}.")
+    if not 0 <= start < 1:
+        raise ValueError(f"start must be from 0 to below 1, got {start}.")
+    if not 0 <= end <= 1:
+        raise ValueError(f"end must be from 0 to 1, got {end}.")
 
     def factor(step: int) -> float:
         progress = step / total_steps

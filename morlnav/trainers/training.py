@@ -19,7 +19,7 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.collectors import BaseCollector
 from torchrl.data import ReplayBuffer
-from torchrl.envs import Compose, EnvBase, RewardScaling, SerialEnv, Transform, TransformedEnv
+from torchrl.envs import Compose, EnvBase, RewardScaling, Transform, TransformedEnv
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
@@ -32,7 +32,7 @@ from morlnav.trainers.collectors import make_collector, num_workers, share_of
 from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import StepExploration
-from morlnav.trainers.live import live_objects
+from morlnav.trainers.live import live_objects, side_by_side
 from morlnav.trainers.rollout_state import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
@@ -103,6 +103,8 @@ class Training:
         self.hooks = {name: part for name, part in (self.hooks or {}).items() if part is not None}
         if not 0 <= seed < 2**31:
             raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, got {seed}.")
+        if device.startswith("meta"):
+            raise ValueError(f"device={device} holds no numbers; name one that computes, such as cpu or cuda.")
         try:
             torch.empty(0, device=device)
         except (RuntimeError, AssertionError) as error:  # PyTorch raises the latter where it was built without CUDA
@@ -119,7 +121,7 @@ class Training:
         if several or num_envs in (None, 1):
             env = supply(make, seed=seed)
         else:
-            env = SerialEnv(num_envs, lambda: supply(make, seed=seed))
+            env = side_by_side(lambda: supply(make, seed=seed), num_envs)
         if "seed" not in takes(make):
             env.set_seed(seed)
         return env.to(self.device)
@@ -135,11 +137,14 @@ class Training:
             seed: of the environment.
             first: number of its first environment among those of all workers.
         """
-        env = TransformedEnv(self.base_env(num_envs, seed), Compose(*map(copy.deepcopy, rewards.values())))
+        learned = Compose(*map(copy.deepcopy, rewards.values()))
+        env = TransformedEnv(self.base_env(num_envs, seed), learned, auto_unwrap=True)  # it may bring transforms along
         live = live_objects(env) | {"seed": self.seed, "offset": first}
         live["sampler"] = supply(self.preferences, **live)
         for part in self.transforms.values():
             env.append_transform(supply(part, **live))
+        if "preference" not in env.observation_spec.keys(True):
+            raise ValueError("transforms must draw a preference, as morlnav.transforms.DrawPreference does.")
         return env.to(self.device)
 
     # Learning from demonstrations
@@ -200,7 +205,8 @@ class Training:
         collector = make_collector(  # last, for an error after it would leave its workers behind
             self.collector, make_env, TensorDictSequential(policy, noise), env=env, seed=self.seed, device=self.device
         )
-        rollout = {} if num_workers(self.collector) else {"rollout": RolloutState(collector)}
+        kept = not num_workers(self.collector) and RolloutState.can_hold(env)
+        rollout = {"rollout": RolloutState(collector)} if kept else {}
         trainer = supply(
             self.trainer,
             collector=collector,
@@ -319,6 +325,8 @@ class Training:
                 f"collector.frames_per_batch ({frames}) must be a multiple of the {side_by_side} environments "
                 f"(env.num_envs)."
             )
+        if (random := setting(self.collector, "init_random_frames")) is not None and random < 0:
+            raise ValueError(f"collector.init_random_frames must not be negative, got {random}.")
         return frames
 
 

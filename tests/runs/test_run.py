@@ -1,70 +1,106 @@
-"""A run directory is read as what it is, or refused in one sentence."""
-
-import shutil
+"""A run directory says what was trained, as plain text that is taken as it is."""
 
 import pytest
 import torch
-from omegaconf import OmegaConf
 
-from morlnav.runs import Run
-
-
-@pytest.fixture
-def copied(smoke_run, tmp_path):
-    """What of a run is read, to be changed by the test."""
-    for name in ("config.yaml", "policy.pt", "policy.json"):
-        shutil.copy(smoke_run / name, tmp_path)
-    return tmp_path
+from morlnav.navigation.demonstrations import record_demonstrations, save_demonstrations
+from morlnav.navigation.modules import CircumnavigationOracle
+from morlnav.navigation.world import SceneSampler
+from morlnav.runs import Run, load_config
+from morlnav.trainers import Training
 
 
-def change(directory, key, value):
-    config = OmegaConf.load(directory / "config.yaml")
-    OmegaConf.update(config, key, value, force_add=True)
-    OmegaConf.save(config, directory / "config.yaml")
+def test_a_run_is_all_that_was_trained(kept_run):
+    run = Run(kept_run)
+    assert isinstance(run.training, Training)
+    assert run.policy.objectives == run.evaluation.objectives == ("demo", "distance", "efficiency")
+    assert run.evaluation.rewards[0] == "baseline"
+    assert list(run.learned) == list(run.evaluation.demonstrators) == ["demo"]
 
 
-def test_a_run_gives_its_policy_and_what_measures_it(copied):
-    run = Run(copied, changes={"episodes": 3, "steps": None})
-    assert run.policy.objectives == run.evaluation.objectives == ("distance", "efficiency")
-    assert (run.evaluation.episodes, run.evaluation.steps) == (3, 2)
-    assert run.learned == {}
-    assert run.policy(torch.zeros(34), torch.tensor([0.5, 0.5])).shape == (2,)
+def test_a_run_is_measured_on_the_cpu_wherever_it_was_trained(kept_run, change_config):
+    change_config("device", "cuda:7")
+    assert Run(kept_run).evaluation.env.device == torch.device("cpu")
 
 
-def test_a_run_is_read_for_another_device_than_it_was_trained_on(copied):
-    change(copied, "device", "cuda")
-    run = Run(copied)
-    assert run.training.device == "cpu"
-    assert run.evaluation.env.device == torch.device("cpu")
+def test_the_evaluation_may_be_changed(kept_run):
+    evaluation = Run(kept_run, changes={"episodes": 3, "steps": None}).evaluation
+    assert (evaluation.episodes, evaluation.steps) == (3, 10)
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "sentence"),
+    "value",
+    ["${oc.env:HOME}", "${oc.decode:'{_target_: os.system}'}", "a ${seed} b", "${nothing", ["${seed}"]],
+    ids=str,
+)
+def test_an_interpolation_is_refused_and_not_resolved(kept_run, change_config, value):
+    change_config("env.world.robot", value)
+    with pytest.raises(ValueError, match="holds no interpolation"):
+        Run(kept_run, trust=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
     [
-        ("logger._target_", "os.system", r"foreign os\.system; if it is your own, trust it \(--trust, or trust=True\)"),
-        ("env.num_envs", "${oc.env:HOME}", "holds no interpolation"),
-        ("loss", "wrong", "loss must be a node"),
-        ("trainer.totl_frames", 5, r"trainer\.totl_frames is no argument of .*; did you mean total_frames\?"),
+        ("objectives: [", r"config\.yaml is damaged: it is no YAML"),
+        ("a: !!python/object/apply:os.system [exit]", r"config\.yaml is damaged: it is no YAML"),
+        ("", r"config\.yaml is damaged: it maps no keys to values"),
+        ("12", "maps no keys to values"),
+        ("[seed, 0]", "maps no keys to values"),
+        ("_target_: morlnav.trainers.Training", r"config\.yaml is damaged: it names no evaluation"),
+        ("{_target_: morlnav.trainers.Training, evaluation: 3}", "it names no evaluation"),
+        ("{_target_: morlnav.trainers.Fit, evaluation: {}}", r"evaluation is no argument of morlnav\.trainers\.Fit"),
     ],
 )
-def test_a_config_that_no_run_leaves_is_refused_in_one_sentence(key, value, sentence, copied):
-    change(copied, key, value)
+def test_a_damaged_config_is_named_in_one_sentence(kept_run, text, sentence):
+    (kept_run / "config.yaml").write_text(text)
     with pytest.raises(ValueError, match=sentence) as error:
-        _ = Run(copied).training
+        _ = Run(kept_run).evaluation
     assert "\n" not in str(error.value)
 
 
-def test_a_run_of_an_older_version_is_named(copied):
-    config = OmegaConf.load(copied / "config.yaml")
-    del config["_target_"]
-    OmegaConf.save(config, copied / "config.yaml")
-    with pytest.raises(ValueError, match=r"was made by morlnav 0\.1; .* train it again"):
-        Run(copied)
+def test_bytes_are_no_config(kept_run):
+    (kept_run / "config.yaml").write_bytes(bytes(range(256)))
+    with pytest.raises(ValueError, match="it is no YAML"):
+        load_config(kept_run)
 
 
-def test_what_is_no_run_is_named(tmp_path):
+def test_where_there_is_no_run_it_is_said(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"is not a run directory: it holds no config\.yaml"):
         Run(tmp_path)
-    (tmp_path / "config.yaml").write_text("{")
-    with pytest.raises(ValueError, match=r"config\.yaml is damaged: it is no YAML"):
-        Run(tmp_path)
+
+
+def test_a_reward_of_another_config_is_refused(kept_run, change_config):
+    change_config("rewards.ranking.snippet", 10)
+    with pytest.raises(ValueError, match=r"reward\.pt was learned by another config than that of this run"):
+        _ = Run(kept_run).learned
+
+
+def test_a_run_without_its_clone_is_measured_and_does_not_learn_on(kept_run, train_command):
+    assert Run(kept_run).learned["demo"].clone is None
+    (kept_run / "checkpoints" / "checkpoint-000000000512").mkdir(parents=True)
+    with pytest.raises(SystemExit, match=rf"{kept_run} keeps no clone\.pt of demo, which learning needs"):
+        train_command(f"resume={kept_run}")
+
+
+def test_where_nobody_can_be_asked_the_clone_is_needed(kept_run, change_config, tmp_path):
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(distance=(5.0, 6.0)), 1, num_envs=4)
+    save_demonstrations(data, tmp_path / "mine")
+    folder = "morlnav.navigation.demonstrations.RecordedFolder"
+    change_config("rewards.demonstrations.demo", {"_target_": folder, "path": str(tmp_path / "mine")})
+    run = Run(kept_run)
+    pipeline = run.training.pipeline()
+    pipeline.stages["demo"].config = None  # its reward is that of another recording
+    with pytest.raises(FileNotFoundError, match=r"clone\.pt"):
+        pipeline.restore(kept_run)
+
+
+@pytest.mark.parametrize("name", ["policy.pt", "reward.pt"])
+@pytest.mark.parametrize("damage", ["a weight", "cut", "empty"])
+def test_changed_weights_are_named(kept_run, name, damage):
+    file = kept_run / name
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes({"a weight": content, "cut": content[: len(content) // 2], "empty": b""}[damage])
+    with pytest.raises(ValueError, match=rf"{name} is damaged: it does not hold the weights that were saved"):
+        _ = Run(kept_run).policy, Run(kept_run).learned

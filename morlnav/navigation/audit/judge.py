@@ -20,12 +20,12 @@ class RewardAudit:
 
     Args:
         required: a reward that fails ends the pipeline.
-        scenes: held out, to compare behaviours in.
+        num_scenes: held out, to compare behaviours in.
         scene_seed: of these scenes.
         plans: scenes to plan the reward's best path in; 0 plans none.
         bare: take the boxes out of every second planned scene.
         world: the engine.
-        sampler: draws the scenes.
+        scenes: draws them.
         observe_human: whether the reward sees the human's position.
         max_steps: time limit of an episode.
         seed: of noise and bootstrap.
@@ -48,17 +48,12 @@ class RewardAudit:
         max_steps: int = 250,
         seed: int = 0,
     ) -> None:
-        if num_scenes < 1 or plans < 0 or scene_seed < 0:
-            raise ValueError(
-                f"Needed are num_scenes >= 1, plans >= 0 and scene_seed >= 0, got {num_scenes}, {plans} and {scene_seed}."
-            )
-        self.required, self.num_scenes, self.scene_seed, self.plans, self.bare = (
-            required,
-            num_scenes,
-            scene_seed,
-            plans,
-            bare,
-        )
+        if num_scenes < 1:
+            raise ValueError(f"num_scenes must be at least 1, got {num_scenes}.")
+        if plans < 0 or scene_seed < 0:
+            raise ValueError(f"plans and scene_seed must not be negative, got {plans} and {scene_seed}.")
+        self.required, self.plans, self.bare = required, plans, bare
+        self.num_scenes, self.scene_seed = num_scenes, scene_seed
         self.world, self.scenes, self.observe_human = world, scenes, observe_human
         self.max_steps, self.seed = max_steps, seed
 

@@ -23,6 +23,9 @@ class NavigationFeatures(nn.Module):
         octaves: Fourier features of the distances to goal and human with this many wavelengths, 16 m, 8 m, ...
             (Tancik et al., NeurIPS 2020). An MLP on the bare distance learns its fine structure late.
 
+    Raises:
+        ValueError: for a negative number of octaves.
+
     Examples:
         >>> NavigationFeatures()(torch.zeros(5, 34)).shape
         torch.Size([5, 68])
@@ -42,6 +45,8 @@ class NavigationFeatures(nn.Module):
         octaves: int = 0,
     ) -> None:
         super().__init__()
+        if octaves < 0:
+            raise ValueError(f"octaves must not be negative, got {octaves}.")
         self.observe_human = observe_human
         self.lidar_range = lidar_range
         self.sectors = sectors

@@ -46,7 +46,7 @@ class WanderingNoise(EpsilonGreedyNoise):
         action_high: Tensor | list[float],
         hold: int = 10,
         courses: float = 0.5,
-        spread: float = 1.0,
+        spread: float = 1.5,
         step_time: float = 0.2,
         generator: torch.Generator | None = None,
     ) -> None:

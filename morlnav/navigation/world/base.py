@@ -41,7 +41,7 @@ class World(ABC):
         device: where the tensors live.
 
     Raises:
-        ValueError: if a radius or a time is not positive.
+        ValueError: if a radius or a time is not positive, or contacts would be checked less than once a step.
     """
 
     def __init__(
@@ -62,7 +62,9 @@ class World(ABC):
         }
         for name, value in values.items():
             if value <= 0:
-                raise ValueError(f"The world's {name} must be positive, got {value}.")
+                raise ValueError(f"{name} must be positive, got {value}.")
+        if check_interval > step_time:
+            raise ValueError(f"check_interval must be at most the step_time of {step_time} s, got {check_interval}.")
         self.robot = robot or DifferentialDrive()
         self.lidar = lidar or Lidar()
         self.human_radius = human_radius

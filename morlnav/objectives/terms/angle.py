@@ -43,6 +43,8 @@ class AngleTerm(LossTerm):
         super().__init__()
         if actor < 0 or critic < 0:
             raise ValueError(f"Angle coefficients must not be negative, got actor={actor} and critic={critic}.")
+        if eps <= 0:
+            raise ValueError(f"eps must be positive, got {eps}.")
         static = getattr(interpolator, "num_static", 0)
         if tuneable_only and static:
             raise ValueError(f"tuneable_only needs an interpolator with num_static=0, got num_static={static}.")

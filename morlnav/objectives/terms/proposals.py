@@ -45,9 +45,7 @@ class Guidance(nn.Module):
     def __init__(self, coefficient: float = 0.3, sharpness: float = 4.0, margin: float = 0.08) -> None:
         super().__init__()
         if coefficient < 0 or sharpness < 0:
-            raise ValueError(
-                f"Coefficient and sharpness of the guidance must not be negative, got {coefficient} and {sharpness}."
-            )
+            raise ValueError(f"coefficient and sharpness must not be negative, got {coefficient} and {sharpness}.")
         self.coefficient = coefficient
         self.sharpness = sharpness
         self.margin = margin
@@ -82,9 +80,9 @@ class Search(nn.Module):
     def __init__(self, coefficient: float = 1.0, margin: float = -0.05, proposals: int = 1) -> None:
         super().__init__()
         if coefficient < 0:
-            raise ValueError(f"Coefficient of the search must not be negative, got {coefficient}.")
+            raise ValueError(f"coefficient must not be negative, got {coefficient}.")
         if proposals < 1:
-            raise ValueError(f"The search has to propose at least one action, got {proposals} proposals.")
+            raise ValueError(f"proposals must be at least 1, got {proposals}.")
         self.coefficient = coefficient
         self.margin = margin
         self.proposals = proposals

@@ -215,7 +215,7 @@ def test_ones_own_run_resumes_with_trust_time_and_again(train_command, tmp_path,
 
 def test_another_run_in_the_same_directory_is_refused_before_it_writes(finished, train_command):
     before = contents(finished)
-    with pytest.raises(SystemExit, match=rf"{finished} holds a run of another config \(seed: 0 then, 5 now; "):
+    with pytest.raises(SystemExit, match=rf"{finished} holds a run of another config \(seed: 0 then, 5 now\)"):
         train_command(*WORDS, "seed=5", f"hydra.run.dir='{finished}'")
     with pytest.raises(SystemExit, match=r"policy\.pt of this run already; continue it with resume="):
         train_command(*WORDS, f"hydra.run.dir='{finished}'")

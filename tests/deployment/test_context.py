@@ -12,6 +12,7 @@ from morlnav.commands.evaluate import evaluate_route, parse_stop
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.deployment.policy import Policy
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes
+from morlnav.runs import Run
 
 OBJECTIVES = ("distance", "efficiency")
 ROOMS = {"kitchen": torch.tensor([1.0, 0.0]), "corridor": torch.tensor([0.0, 1.0])}
@@ -137,9 +138,10 @@ def test_a_constant_schedule_is_a_fixed_preference(smoke_run):
 
 def test_a_route_is_evaluated_beside_its_rooms(smoke_run, tmp_path):
     file = write(tmp_path, "kitchen: {distance: 1}\ncorridor: {efficiency: 1}")
-    table = evaluate_route(smoke_run, file, {0: "corridor", 4: "kitchen"}, tmp_path, episodes=2)
-    assert "| corridor from 0 s, kitchen from 4 s |" in table
-    assert pd.read_csv(tmp_path / "rooms.csv")["room"].tolist()[:2] == ["kitchen", "corridor"]
+    run = Run(smoke_run, changes={"episodes": 2})
+    rooms = pd.read_csv(evaluate_route(run, file, {0: "corridor", 4: "kitchen"}, tmp_path))
+    assert rooms["room"].tolist() == ["kitchen", "corridor", "corridor from 0 s, kitchen from 4 s"]
+    assert rooms["episodes"].tolist() == [2, 2, 2]
 
 
 @pytest.mark.parametrize("word", ["kitchen", "kitchen:6", "6:", ":kitchen"])

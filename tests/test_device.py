@@ -38,7 +38,7 @@ from morlnav.modules import (
     VectorCritic,
     round_products,
 )
-from morlnav.navigation.envs import DemonstrationObjective, NavigationEnv, default_objectives
+from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.modules import AfterstateFeatures, CircumnavigationOracle, NavigationFeatures, WanderingNoise
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld
 from morlnav.objectives import (
@@ -159,9 +159,9 @@ def test_the_specs_are_on_the_environments_device(accelerator, observe_human):
 def test_an_environment_with_all_transforms_begins_and_goes_on(accelerator):
     models = make_reward(), RewardEnsemble([make_reward(), make_reward()]), NormalisedReward(make_reward())
     with accelerator, answers():
-        objective, *models = (model.to(DEVICE) for model in models)
+        models = [model.to(DEVICE) for model in models]
         env = TransformedEnv(
-            make_env(objectives={**default_objectives(), "demo": DemonstrationObjective(objective)}),
+            make_env(),
             Compose(
                 StepCounter(5),
                 *(DemonstrationReward(model) for model in models),

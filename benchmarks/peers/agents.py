@@ -133,15 +133,6 @@ def evaluate(policy: Policy, objectives: dict[str, Objective], directory: Path, 
     return write_report(rollouts, directory, tuple(objectives), references=references, reference_point=reference)
 
 
-def objectives_with(reward: Path | None) -> dict[str, Objective]:
-    """Baseline, distance and efficiency; with a reward file also the demonstration, after the baseline."""
-    terms = default_objectives()
-    if reward is None:
-        return terms
-    demo = DemonstrationObjective(load_module(reward), scale=10.0, offset=-1.0)
-    return {"baseline": terms.pop("baseline"), "demo": demo, **terms}
-
-
 def compare(runs: list[Path]) -> str:
     """A Markdown table of evaluated runs, ours or theirs, that have the same objectives.
 

@@ -134,7 +134,7 @@ class Ranking:
         noise: Part[nn.Module],
         model: Part[nn.Module],
         fit: Fit,
-        levels: Sequence[float],
+        levels: Sequence[float] = (0.0, 0.06, 0.12, 0.18, 0.24, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6),
         episodes: int = 200,
         snippet: int | None = 5,
         aggregate: Literal["mean", "sum"] = "mean",

@@ -307,16 +307,13 @@ class Training:
 
     def _make_exploration(self, live: Mapping[str, Any], batches: int) -> nn.Module:
         space = live["action_spec"].space
-        try:
-            return supply(
-                self.exploration,
-                **live,
-                spec=live["action_spec"],  # of one environment: workers hold different numbers of them
-                std=((space.high - space.low) / 2).tolist(),
-                annealing_num_steps=batches,
-            )
-        except RuntimeError as error:  # TorchRL's, where noise would grow
-            raise ValueError(f"exploration: {error}.") from error
+        return supply(
+            self.exploration,
+            **live,
+            spec=live["action_spec"],  # of one environment: workers hold different numbers of them
+            std=((space.high - space.low) / 2).tolist(),
+            annealing_num_steps=batches,
+        )
 
     def _frames_per_batch(self, env: EnvBase) -> int:
         frames, side_by_side = setting(self.collector, "frames_per_batch"), env.batch_size.numel()

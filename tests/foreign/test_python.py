@@ -85,7 +85,7 @@ def test_it_takes_twenty_lines():
     assert len(CODE["training.py"].split("\n\n", 1)[1].strip().splitlines()) <= 20
 
 
-@pytest.mark.parametrize("name", (*PARTS.split(), "env", "stepper"))
+@pytest.mark.parametrize("name", [*PARTS.split(), "env", "stepper"])
 def test_its_parts_are_those_of_the_config(name):
     mine, theirs = filled(getattr(by_hand(CODE["training.py"]), name)), filled(getattr(configured([]), name))
     for built in BUILT_BY_DEFAULT.get(name, ()):

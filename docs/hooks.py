@@ -3,54 +3,69 @@
 from __future__ import annotations
 
 import html
-import inspect
 import json
 import re
-import warnings
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import griffe
 import yaml
-from hydra.utils import get_object
+from hydra import compose, initialize_config_dir
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
-from omegaconf import OmegaConf
 
-with warnings.catch_warnings(action="ignore", category=DeprecationWarning):  # TorchRL's about itself
-    from morlnav.configs import CONFIGS
-
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).resolve().parents[1]
 CONF = ROOT / "conf"
 CONFIG_INTRO = """# Config reference
 
-`morlnav-train GROUP=CHOICE KEY=VALUE` swaps parts and changes values; the defaults of a group come first. Every key has
-the name of the argument that it fills, of the class or function that `_target_` names; below each file stand those
-arguments, with the value of the file and the constructor's own default. What has neither is filled in by the program.
-The configs [for TorchRL's trainers](#for-torchrls-trainers) follow at the end.
-"""
-REGISTERED_INTRO = """## For TorchRL's trainers
+`morlnav-train GROUP=CHOICE` swaps a part, `KEY=VALUE` changes a value. Every key has the name of the argument that it
+fills, of what `_target_` names. Below each file stand these arguments, with the file's value and the constructor's own
+default; what has neither is a live object, handed over by the program. `morlnav-train --cfg job` prints the whole
+config of a run, `morlnav-train GROUP=CHOICE --cfg job` that of another.
 
-`import morlnav.configs` registers the following in TorchRL's Hydra groups and in groups of our own, for use in
-[its trainers](reuse.md#by-config-in-torchrls-trainers): `+GROUP=NAME` on the command line, or `GROUP@KEY: NAME` in a
-defaults list. Values of `???` must be given. `_partial_: true` leaves a part unbuilt, as a callable.
+| group | fills | choices, the default one in bold |
+| :-- | :-- | :-- |
 """
+FIRST = (
+    "recipe",
+    "trainer",
+    "env",
+    "world",
+    "objectives",
+    "demonstrations",
+    "rewards",
+    "clone",
+    "ranking",
+    "audit",
+    "loss",
+)
+"""Groups that come first in the reference; the others follow in the order in which a run is composed."""
+ROOMS = (
+    ("Learning", ("objectives", "modules", "transforms", "data", "trainers", "evaluation")),
+    ("Runs and robots", ("deployment", "runs", "analysis", "record", "config")),
+    ("Social navigation", ("envs", "world", "modules", "demonstrations", "audit", "evaluation", "record")),
+)
+"""Pages of the API in their order, the last group in ``morlnav.navigation``."""
+BESIDE = {"deployment": ("context", "export")}
+"""Modules whose names a room does not hand on, because most users of the room do without them."""
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Fill the navigation's ``API`` with a page for every room of the package."""
-    next(entry for entry in config.nav if "API" in entry)["API"] = [{name: path} for name, path, _ in _api_pages()]
+    api: dict[str, list] = {title: [] for title, _ in ROOMS}
+    for title, name, path, _ in _api_pages():
+        api[title].append({name: path})
+    next(entry for entry in config.nav if "API" in entry)["API"] = [{title: pages} for title, pages in api.items()]
     return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the generated pages."""
-    pages: dict[str, str | bytes] = {path: content for _, path, content in _api_pages()}
+    pages: dict[str, str | bytes] = {path: content for _, _, path, content in _api_pages()}
     pages["config.md"] = _config_page()
     for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
         pages |= _notebook_page(notebook)
@@ -65,7 +80,8 @@ def on_page_content(content: str, **_: Any) -> str:
     """Turn LaTeX into MathML, which browsers draw without a script."""
 
     def mathml(match: re.Match) -> str:
-        return convert(html.unescape(match[3]), display="block" if match[2] == "[" else "inline")
+        drawn = convert(html.unescape(match[3]), display="block" if match[2] == "[" else "inline")
+        return f"<{match[1]} class='math'>{drawn}</{match[1]}>"
 
     return re.sub(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', mathml, content, flags=re.DOTALL)
 
@@ -97,48 +113,78 @@ def _notebook_page(notebook: Path) -> dict[str, str | bytes]:
     }
 
 
-def _api_pages() -> list[tuple[str, str, str]]:
-    """Name, path and content of a page for each package, and of one for the modules beside them."""
-    package = ROOT / "morlnav"
-    folders = [path.parent for path in sorted(package.glob("*/__init__.py"))]
-    pages = [
-        (folder.name, f"::: morlnav.{folder.name}" if (folder / "__init__.py").read_text() else _modules(folder))
-        for folder in folders
-    ]
-    pages.append(("tools", _modules(package)))
-    return [(name, f"api/{name}.md", f"# {name}\n\n{content}") for name, content in pages]
+def _api_pages() -> Iterator[tuple[str, str, str, str]]:
+    """Group, name, path and content of the page of every room."""
+    for title, names in ROOMS:
+        inner = "navigation." if title == ROOMS[-1][0] else ""
+        for name in names:
+            room = f"{inner}{name}"
+            yield title, name, f"api/{room}.md", f"# {room}\n\n{_room(room)}"
 
 
-def _modules(folder: Path) -> str:
-    paths = [path.relative_to(ROOT).with_suffix("") for path in sorted(folder.glob("[!_]*.py"))]
-    names = [".".join(path.parts) for path in paths]
-    return "\n".join(f"## {name}\n\n::: {name}\n    options: {{heading_level: 3}}\n" for name in names)
+def _room(room: str) -> str:
+    path = ROOT / "morlnav" / room.replace(".", "/")
+    if not path.is_dir():
+        return f"::: morlnav.{room}\n"
+    named = "__all__" in (path / "__init__.py").read_text()
+    parts = [f"::: morlnav.{room}\n"] if named else []
+    for module in BESIDE.get(room, ()) if named else sorted(file.stem for file in path.glob("[!_]*.py")):
+        name = f"morlnav.{room}.{module}"
+        parts.append(f"## {name}\n\n::: {name}\n    options: {{heading_level: 3}}\n")
+    return "\n".join(parts)
 
 
 def _config_page() -> str:
-    extensions = griffe.load_extensions(Roles)
-    package = griffe.load("morlnav", search_paths=[str(ROOT)], extensions=extensions, resolve_aliases=True)
-    train = (CONF / "train.yaml").read_text()
-    top = train[train.index("seed:") : train.index("hydra:")]
-    parts = [CONFIG_INTRO, f"## Values outside of groups\n\n```yaml\n{top.strip()}\n```\n"]
-    for entry in yaml.safe_load(train)["defaults"]:
-        if entry == "_self_":
-            continue
-        ((group, default),) = entry.items()
-        default = default if isinstance(default, list) else [default]
+    package = griffe.load(
+        "morlnav", search_paths=[str(ROOT)], extensions=griffe.load_extensions(Roles), resolve_aliases=True
+    )
+    defaults = _defaults()
+    groups = dict.fromkeys(
+        [*FIRST, *reversed(defaults), *(folder.name for folder in sorted(CONF.iterdir()) if folder.is_dir())]
+    )
+    found = {group: files for group in groups if (files := sorted((CONF / group).glob("*.yaml")))}
+    index = [_index_row(group, files, defaults.get(group, [])) for group, files in found.items()]
+    text = (CONF / "train.yaml").read_text()
+    root = text[text.index("_target_:") : text.index("hydra:")].strip()
+    parts = [CONFIG_INTRO + "\n".join(index), "", f"## Outside of groups\n\n```yaml\n{root}\n```\n"]
+    parts.append(_arguments(package, yaml.safe_load(root)))
+    for group, files in found.items():
+        chosen = defaults.get(group, [])
         parts.append(f"## {group}\n")
-        for file in sorted((CONF / group).glob("*.yaml"), key=lambda file: (file.stem not in default, file.stem)):
-            parts.append(_config_file(package, group, file, file.stem in default))
-    parts.append(REGISTERED_INTRO)
-    parts += [_registered(package, *key, CONFIGS[key]) for key in sorted(CONFIGS)]
+        for file in sorted(files, key=lambda file: (file.stem not in chosen, file.stem)):
+            parts.append(_config_file(package, group, file, file.stem in chosen))
     return "\n".join(parts)
+
+
+def _defaults() -> dict[str, list[str]]:
+    """What the default run chooses of every group, in the order in which it is composed."""
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        choices = compose("train", return_hydra_config=True).hydra.runtime.choices
+    chosen: dict[str, list[str]] = {}
+    for group, choice in choices.items():
+        if not group.startswith("hydra/") and choice is not None:
+            words = re.findall(r"\w+", str(choice))
+            chosen.setdefault(group.split("@")[0], []).extend(words)
+    return chosen
+
+
+def _package(group: str, file: Path) -> str:
+    """The key that a file fills."""
+    match = re.match(r"# @package (\S+)", file.read_text())
+    return {None: group, "_global_": "any key"}.get(match and match[1], match and match[1])
+
+
+def _index_row(group: str, files: list[Path], chosen: list[str]) -> str:
+    choices = [f"**{file.stem}**" if file.stem in chosen else file.stem for file in files]
+    fills = ", ".join(dict.fromkeys(f"`{_package(group, file)}`" for file in files)).replace("`any key`", "any key")
+    return f"| [`{group}`](#{group}) | {fills} | {', '.join(choices)} |"
 
 
 def _config_file(package: griffe.Module, group: str, file: Path, default: bool) -> str:
     text = file.read_text()
-    comment = re.match(r"(# @package .*\n)?((?:#.*\n)*)", text)[2]
-    body = text.replace(comment, "", 1).strip()
-    parts = [f"### {group}={file.stem}{' (default)' if default else ''}\n", comment.replace("# ", "")]
+    comment = re.match(r"(# @package .*\n)?((?:#.*\n)*)", text)
+    body = text[comment.end() :].strip()
+    parts = [f"### {group}={file.stem}{' (default)' if default else ''}\n", comment[2].replace("# ", "")]
     parts += [f"```yaml\n{body}\n```\n"] if body else []
     for node in _targets(yaml.safe_load(body)):
         parts.append(_arguments(package, node))
@@ -161,39 +207,23 @@ def _arguments(package: griffe.Module, node: dict[str, Any]) -> str:
     path = node["_target_"]
     if not path.startswith("morlnav."):
         return ""
-    target = package[path.removeprefix("morlnav.")]
+    try:
+        target = package[path.removeprefix("morlnav.")]
+    except KeyError:
+        return f"`{path}`\n"
     target = target.final_target if target.is_alias else target
     meanings = _meanings(target)
     rows = [
         f"| `{parameter.name}` | {_value(node, parameter.name)} | {_code(parameter.default)} | "
         f"{meanings.get(parameter.name, '')} |"
         for parameter in target.parameters
-        if parameter.name != "self"
+        if parameter.name != "self" and not str(parameter.name).startswith("*")
     ]
     link = f'<autoref identifier="{path}" optional><code>{path}</code></autoref>'  # some need an extra to be on a page
     if not rows:
         return f"{link}\n"
     head = [link, "", "| argument | here | default | meaning |", "| :-- | :-- | :-- | :-- |"]
     return "\n".join([*head, *rows, ""])
-
-
-def _registered(package: griffe.Module, group: str, name: str, config: type) -> str:
-    """A table of the fields of a dataclass in Hydra's ``ConfigStore``."""
-    node = OmegaConf.to_container(OmegaConf.structured(config))
-    target = inspect.unwrap(get_object(node["_target_"]))
-    meanings = _meanings(_ours(package, target)) if target.__module__.startswith("morlnav.") else {}
-    rows = [
-        f"| `{field.name}` | `{field.type}` | {_value(node, field.name)} | {meanings.get(field.name, '')} |"
-        for field in fields(config)
-        if not field.name.startswith("_")
-    ]
-    summary = _ours(package, config).docstring.parse("google")[0].value
-    head = ["| field | type | default | meaning |", "| :-- | :-- | :-- | :-- |"]
-    return "\n".join([f"### {group}={name}", "", summary, "", *head, *rows, ""])
-
-
-def _ours(package: griffe.Module, target: type) -> griffe.Class | griffe.Function:
-    return package[f"{target.__module__}.{target.__qualname__}".removeprefix("morlnav.")]
 
 
 def _meanings(target: griffe.Class | griffe.Function) -> dict[str, str]:

@@ -6,7 +6,7 @@ import torchrl.collectors
 from tensordict.nn import TensorDictModule, TensorDictSequential
 
 from morlnav import data, modules, objectives, transforms
-from morlnav.trainers.supervised import fit
+from morlnav.trainers import Fit
 
 LOW, HIGH, LEVELS = torch.tensor([-2.0]), torch.tensor([2.0]), [0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0]
 
@@ -26,17 +26,17 @@ def _demonstrate(observation: torch.Tensor) -> torch.Tensor:  # swing up with a 
 def main(seed: int = 0) -> list[float]:
     """Mean true returns of demonstrator, clone and policy from the same 100 starting states, unseen in training."""
     torch.manual_seed(seed)
-    actors = [modules.Actor(0, LOW, HIGH, torch.nn.Linear(3, 64), depth=2, num_cells=64) for _ in range(2)]
+    actors = [modules.Actor(0, LOW, HIGH, 3, depth=2, num_cells=64) for _ in range(2)]
     nets = [TensorDictModule(net, ["observation"], ["action"]) for net in (_demonstrate, *actors)]
     demos = _pendulums(20, seed).rollout(200, nets[0]).select("observation", "action")
     loss, train = objectives.BehaviourCloningLoss(nets[1], bounds=(LOW, HIGH)), demos[:16].flatten()
-    fit(loss, lambda: train[torch.randint(len(train), (256,))], demos[16:].flatten(), steps=3000, lr=3e-3)
+    Fit(steps=3000, lr=3e-3)(loss, lambda: train[torch.randint(len(train), (256,))], demos[16:].flatten())
     noise, envs = lambda e, hold=1: modules.EpsilonGreedyNoise(e, LOW, HIGH, hold), lambda n: _pendulums(n, seed + 1)
     noisy = data.roll_out_ranked(actors[0], envs, noise, LEVELS, episodes=20)
     pairs, unseen = (data.SnippetPairs(part, length=20) for part in (noisy[:, :16], noisy[:, 16:]))
-    reward = modules.RewardModel(["observation"], LOW, HIGH, depth=2, num_cells=64, in_features=3)
+    reward = modules.RewardModel(["observation"], LOW, HIGH, features=3, depth=2, num_cells=64)
     loss = objectives.RankingLoss(TensorDictModule(reward, ["observation", "action"], ["reward"]))
-    fit(loss, lambda: pairs.sample(64), unseen.sample(1000), steps=1000)
+    Fit(steps=1000)(loss, lambda: pairs.sample(64), unseen.sample(1000))
     reward = modules.NormalisedReward(reward).fit(noisy["observation"].flatten(0, 2), None, torch.arange(32000) < 4000)
     learned = transforms.DemonstrationReward(reward, scale=1.0, offset=0.0, entry=0, insert=False)
     env = torchrl.envs.TransformedEnv(_pendulums(16, seed + 2), learned)

@@ -1,5 +1,6 @@
 """Multi-objective reinforcement learning and learning from demonstrations for TorchRL, proven on social navigation."""
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -26,3 +27,7 @@ def __getattr__(name: str) -> Any:
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+if "gymnasium" in sys.modules:  # whoever has no use for it does not wait for it
+    import_module("morlnav.navigation.registration")

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import pandas as pd
-from omegaconf import OmegaConf
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from morlnav.runs.config import CONFIG_FILE, load_config
+from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config, read_yaml
 
 Runs: TypeAlias = "str | Path | Iterable[str | Path]"
 """A run directory, a sweep's directory with run directories in it, or several run directories."""
@@ -212,21 +211,9 @@ def _chosen(run: Path) -> dict[str, str]:
     folder = run / ".hydra"
     if not (folder / "overrides.yaml").is_file():
         return {}
-    words = [word.lstrip("+~").partition("=") for word in OmegaConf.load(folder / "overrides.yaml")]
+    words = [str(word).lstrip("+~").partition("=") for word in read_yaml(folder / "overrides.yaml") or []]
     choices = {}
     if (folder / "hydra.yaml").is_file():
-        choices = OmegaConf.select(OmegaConf.load(folder / "hydra.yaml"), "hydra.runtime.choices") or {}
+        choices = read_yaml(folder / "hydra.yaml")["hydra"]["runtime"]["choices"]
     groups = {group: choice for group, choice in choices.items() if not group.startswith("hydra/")}
     return groups | {key: value for key, _, value in words if key != "resume"}
-
-
-def flat_settings(config: Mapping[str, Any], run: Path) -> dict[str, object]:
-    """The config values of a run by their dotted names; where and how it went on is no setting, nor is its place."""
-    flat = pd.json_normalize(dict(config)).to_dict("records")[0]
-    for key in ("resume", "trust"):
-        flat.pop(key, None)
-    own = f"{run}{os.sep}"
-    return {
-        key: str(value).removeprefix(own) if isinstance(value, str | list | dict) else value
-        for key, value in flat.items()
-    }

@@ -171,7 +171,7 @@ def _unknown_key(key: str) -> str:
     if not OmegaConf.is_dict(node):
         return f"There is no {key} in the config, for there is no {parent} that could hold it."
     where = f"in {parent}" if parent else "in the config"
-    return f"There is no {name} {where}; {nearest(name, [str(child) for child in node])}"
+    return f"There is no {name} {where}; {nearest(name, [child for child in map(str, node) if child[0] != '_'])}"
 
 
 def duration(seconds: float) -> str:

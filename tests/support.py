@@ -1,5 +1,6 @@
 """Composing configs as the command line does, for several tests."""
 
+import torch
 from hydra import compose, initialize_config_dir
 
 from morlnav.cli import conf_dir
@@ -14,11 +15,11 @@ SMALL = (
     "actor.num_cells=32",
     "critic.num_cells=32",
     "replay.storage.max_size=4096",
+    "transforms.time_limit.max_steps=100",
 )
 
 BRIEF = (  # episodes and rewards of a run with demonstrations
     "env.scenes.distance=[5,6]",
-    "transforms.time_limit.max_steps=100",
     "rewards.num=4",
     "rewards.ranking.episodes=2",
     "rewards.ranking.held_out=0.5",
@@ -41,3 +42,34 @@ def trainer_for(cfg, directory, learned=None):
     """The seeded trainer of a config, with the rewards that were learned for it."""
     training = make_training(cfg)
     return training.make_trainer(directory, learned, training.make_logger(directory))
+
+
+def learned(trainer):
+    """Everything that a trainer has learned or will learn from, as nested dictionaries."""
+    hooks = ("log_episodes", "log_optimisation", "fit_interpolator", "evaluate")
+    return {
+        "loss": trainer.loss_module.state_dict(),
+        "average": trainer.checkpoint.components["average"].state_dict(),
+        "stepper": trainer.optimization_stepper.state_dict(),
+        "hooks": {name: trainer._modules[name].state_dict() for name in hooks},
+        "replay": trainer.replay_buffer.storage[:].to_dict(),
+        "gamma": trainer.loss_module.value_estimator.gamma,
+        "frames": trainer.collected_frames,
+        "random state": torch.get_rng_state(),
+    }
+
+
+def assert_identical(ours, theirs, name=""):
+    """Equal in every bit, however deeply nested."""
+    if isinstance(ours, dict):
+        assert ours.keys() == theirs.keys(), name
+        for key in ours:
+            assert_identical(ours[key], theirs[key], f"{name}.{key}")
+    elif isinstance(ours, list | tuple):
+        assert len(ours) == len(theirs), name
+        for i, pair in enumerate(zip(ours, theirs, strict=True)):
+            assert_identical(*pair, f"{name}[{i}]")
+    elif isinstance(ours, torch.Tensor):
+        torch.testing.assert_close(ours, theirs, rtol=0, atol=0, equal_nan=True, msg=lambda text: f"{name}: {text}")
+    else:
+        assert ours == theirs, name

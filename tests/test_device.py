@@ -35,15 +35,22 @@ from morlnav.modules import (
     PreferenceInterpolator,
     RewardEnsemble,
     RewardModel,
-    UniformActions,
     VectorCritic,
     round_products,
 )
-from morlnav.navigation.envs import DemonstrationObjective, NavigationEnv, default_objectives
-from morlnav.navigation.modules import AfterstateFeatures, CircumnavigationOracle
-from morlnav.navigation.modules.noise import WanderingNoise
+from morlnav.navigation.envs import NavigationEnv
+from morlnav.navigation.modules import AfterstateFeatures, CircumnavigationOracle, NavigationFeatures, WanderingNoise
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld
-from morlnav.objectives import AngleTerm, ClampedAngleTerm, Guidance, LinearScalarisation, MORLTD3Loss
+from morlnav.objectives import (
+    AngleTerm,
+    ClampedAngleTerm,
+    Guidance,
+    LinearScalarisation,
+    MORLTD3Loss,
+    Proposals,
+    ReturnBounds,
+    Search,
+)
 from morlnav.transforms import DemonstrationReward, DrawPreference, HindsightPreferenceRelabel
 
 DEVICE = torch.device("cuda:0")
@@ -82,6 +89,7 @@ def accelerator(monkeypatch):
     monkeypatch.setattr(torch, "allclose", lambda *_, **__: True)
     monkeypatch.setattr(torch.Tensor, "random_", lambda tensor, *_, **__: tensor)
     monkeypatch.setattr(Scene, "check", lambda *_: None)
+    monkeypatch.setattr("morlnav.objectives.bounds.check_bounds", lambda *_: None)  # at the start, where it may wait
     monkeypatch.setattr(torch, "_sample_dirichlet", lambda chances, **_: torch.rand_like(chances))  # knows no fakes
     return FakeTensorMode(allow_non_fake_inputs=True)
 
@@ -106,6 +114,14 @@ def make_env(num_boxes=3, **settings):
         batch_size=[count],
     )
     return NavigationEnv(TensorWorld(device=DEVICE), scenes, num_envs=4, seed=0, **settings)
+
+
+def make_actor(num_objectives):
+    return Actor(num_objectives, **ROBOT, features=NavigationFeatures())
+
+
+def make_reward():
+    return RewardModel(["observation", "action"], **ROBOT, features=NavigationFeatures(octaves=2))
 
 
 def devices_of(tensordict):
@@ -141,11 +157,11 @@ def test_the_specs_are_on_the_environments_device(accelerator, observe_human):
 
 
 def test_an_environment_with_all_transforms_begins_and_goes_on(accelerator):
-    models = RewardModel(), RewardEnsemble([RewardModel(), RewardModel()]), NormalisedReward(RewardModel())
+    models = make_reward(), RewardEnsemble([make_reward(), make_reward()]), NormalisedReward(make_reward())
     with accelerator, answers():
-        objective, *models = (model.to(DEVICE) for model in models)
+        models = [model.to(DEVICE) for model in models]
         env = TransformedEnv(
-            make_env(objectives={**default_objectives(), "demo": DemonstrationObjective(objective)}),
+            make_env(),
             Compose(
                 StepCounter(5),
                 *(DemonstrationReward(model) for model in models),
@@ -183,17 +199,21 @@ def test_scenes_go_where_they_are_wanted(accelerator):
 # Learning
 
 
-@pytest.mark.parametrize("angle", [AngleTerm(), ClampedAngleTerm(critic=1.0, degrees=True)], ids=["angle", "clamped"])
+@pytest.mark.parametrize("kind", [AngleTerm, ClampedAngleTerm])
 @pytest.mark.parametrize("dtype", [None, torch.bfloat16], ids=["exact", "rounded"])
-def test_an_update_never_waits_for_the_device(accelerator, angle, dtype):
-    actor, clone, search = Actor(2, **ROBOT), Actor(0, **ROBOT), UniformActions(**ROBOT)
-    critics = [VectorCritic(3, 2, **ROBOT, afterstate=AfterstateFeatures(lookahead=[0.5])) for _ in range(2)]
-    scalarisation, interpolator = LinearScalarisation([1.0, 0.5], [0.0, 0.1]), PreferenceInterpolator(2, steps=2)
+def test_an_update_never_waits_for_the_device(accelerator, kind, dtype):
+    actor, clone = make_actor(2), make_actor(0)
+    seen = {"features": NavigationFeatures(), "afterstate": AfterstateFeatures(lookahead=[0.5])}
+    critics = [VectorCritic(3, 2, **ROBOT, **seen) for _ in range(2)]
+    scalarisation = LinearScalarisation([1.0, 0.5], [0.0, 0.1])
+    angle = kind(critic=1.0, degrees=True, interpolator=PreferenceInterpolator(2, steps=2))
+    bounds = ReturnBounds(([-1.0, -1.0, -torch.inf], [1.0, 0.0, torch.inf]))
     for network in (actor, clone, *critics):
         round_products(network, dtype)
     with accelerator, answers():
-        actor, clone, search, *critics = (network.to(DEVICE) for network in (actor, clone, search, *critics))
-        guides = [TensorDictModule(guide, ["observation"], ["action"]) for guide in (clone, search)]
+        actor, clone, *critics = (network.to(DEVICE) for network in (actor, clone, *critics))
+        clones = {"slow": TensorDictModule(clone, ["observation"], ["action"])}
+        proposals = Proposals(Search(proposals=4), Guidance(), clones, objectives=["slow", "far"])
         loss = MORLTD3Loss(
             TensorDictModule(actor, ["observation", "preference"], ["action"]),
             [TensorDictModule(net, ["observation", "preference", "action"], ["state_action_value"]) for net in critics],
@@ -201,10 +221,8 @@ def test_an_update_never_waits_for_the_device(accelerator, angle, dtype):
             actor_qvalue_nets=2,
             pessimism=0.5,
             scalarisation=scalarisation.to(DEVICE),
-            angle=angle,
-            interpolator=interpolator.to(DEVICE),
-            reward_bounds=([-1.0, -1.0, -torch.inf], [1.0, 0.0, torch.inf]),
-            guidance=[Guidance(guides[0], 0), Guidance(guides[1], None, margin=-0.05, proposals=4)],
+            terms={"proposals": proposals.to(DEVICE), "angle": angle.to(DEVICE)},
+            return_bounds=bounds.to(DEVICE),
         )
         loss.make_value_estimator(ValueEstimators.TD0, gamma=[0.9, 0.99, 0.99])
         relabel = HindsightPreferenceRelabel(UniformPreferences(2), share=0.75, num_relabels=2)
@@ -233,7 +251,7 @@ def test_the_interpolator_learns_and_answers_without_waiting(accelerator):
 
 
 def test_an_averaged_actor_follows(accelerator):
-    actor = Actor(2, **ROBOT)
+    actor = make_actor(2)
     with accelerator, answers():
         average = AveragedModel(actor.to(DEVICE), multi_avg_fn=get_ema_multi_avg_fn(0.999))
         average.update_parameters(actor)

@@ -5,25 +5,26 @@ import re
 import runpy
 import shlex
 import sys
-from importlib.metadata import entry_points, metadata
+import tomllib
 from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from tensordict.nn import TensorDictModule
+from hydra.utils import get_object
 
 import morlnav
 from morlnav.cli import conf_dir
 from morlnav.commands.train import main as morlnav_train
-from morlnav.configs import CONFIGS
-from morlnav.data import PreferenceSampler
-from morlnav.trainers import make_base_env, make_loss, make_networks, make_preferences
+from morlnav.config import check, plain
+from morlnav.runs.run import OF_THE_COMMAND, make_training
 
 ROOT = Path(__file__).parents[1]
 FENCE = re.compile(r'^```(\w+)(?: title="([^"]+)")?\n(.*?)^```$', re.DOTALL | re.MULTILINE)
 PAGES = {page.stem: page.read_text() for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))}
 EXTENDING = PAGES.pop("extending")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+SCRIPTS = PROJECT["scripts"] | {"benchmarks": "benchmarks.__main__:main"}
 
 
 def blocks(text, language, titled=False):
@@ -34,8 +35,10 @@ def blocks(text, language, titled=False):
 def commands(text):
     """Program and arguments of every command of ours."""
     lines = "".join(code for _, code in blocks(text, "bash")).replace("\\\n", "")
-    found = re.findall(r"^(?:uv run (?:--extra \w+ )?)?(morlnav-.*)", lines, re.MULTILINE)
-    return [tuple(shlex.split(line, comments=True)) for line in found]
+    found = re.findall(
+        r"^(?:uv run (?:--(?:extra|group) [\w-]+ )?)?(morlnav-.*|python -m benchmarks(?: .*)?)$", lines, re.M
+    )
+    return [tuple(shlex.split(line.removeprefix("python -m "), comments=True)) for line in found]
 
 
 def runs(words):
@@ -84,17 +87,29 @@ def test_a_command_of_a_page_is_understood(words, monkeypatch):
     if program != "morlnav-train":
         parse = argparse.ArgumentParser.parse_intermixed_args
 
-        def stop(parser):
-            raise Parsed(parse(parser, words[1:]))
+        def stop(parser, words=None):
+            raise Parsed(parse(parser, words))
 
+        monkeypatch.setattr(sys, "argv", list(words))
         for name in ("parse_args", "parse_intermixed_args"):
             monkeypatch.setattr(argparse.ArgumentParser, name, stop)
         with pytest.raises(Parsed) as parsed:
-            entry_points(group="console_scripts")[program].load()()
+            get_object(SCRIPTS[program].replace(":", "."))()
         overrides = getattr(parsed.value.args[0], "overrides", [])
+    for run in runs([word for word in overrides if word not in ("-m", "--help")]):
+        check_as_a_run(composed(run))
+
+
+def composed(words):
     with initialize_config_dir(conf_dir(), version_base="1.3"):
-        for run in runs([word for word in overrides if word not in ("-m", "--help")]):
-            compose("train", run)
+        return compose("train", words)
+
+
+def check_as_a_run(cfg):
+    """As a run does before it begins; classes that a page only imagines are left out."""
+    config = {name: node for name, node in plain(cfg).items() if name not in OF_THE_COMMAND}
+    if not any(name in str(config) for name in ("my_package.", "my_task.")):
+        check(config)
 
 
 def test_the_config_reference_tells_every_choice_and_what_its_arguments_mean():
@@ -103,16 +118,21 @@ def test_the_config_reference_tells_every_choice_and_what_its_arguments_mean():
         assert f"### {file.parent.name}={file.stem}" in page
     assert "### world=tensor (default)" in page
     assert "| `goal_radius` | `0.35` | `0.35` | the goal counts as reached within this distance in metres. |" in page
-    inherited = page[page.index("### world=pymunk") : page.index("## env")]
-    assert "| `step_time` |  | `0.2` | one control step in seconds (5 Hz). |" in inherited
-    assert all(f"### {group}={name}\n" in page for group, name in CONFIGS)
-    assert "| `rays` | `int` | `720` | rays per revolution. |" in page[page.index("### lidar=planar") :]
+    inherited = page[page.index("### world=pymunk") :]
+    assert "| `step_time` |  | `0.2` | one control step in seconds (5 Hz). |" in inherited[: inherited.index("\n## ")]
+    assert "| [`world`](#world) | `env.world` | pymunk, **tensor** |" in page
     assert ":class:" not in page
+
+
+def test_the_tables_show_what_the_kept_runs_measured():
+    tables = runpy.run_path(str(ROOT / "docs" / "tables.py"))
+    for page in tables["TABLES"]:
+        assert (ROOT / page).read_text() == tables["renewed"](page), "regenerate them: python docs/tables.py"
 
 
 def test_the_quickstart_tells_every_extra():
     told = re.findall(r"^\| `([\w-]+)` \|", PAGES["quickstart"], re.MULTILINE)
-    assert sorted(told) == sorted(metadata("morlnav").get_all("Provides-Extra"))
+    assert sorted(told) == sorted(PROJECT["optional-dependencies"])
 
 
 def test_parts_of_ones_own_work_without_the_command_line(my_parts):
@@ -120,24 +140,17 @@ def test_parts_of_ones_own_work_without_the_command_line(my_parts):
 
 
 @pytest.mark.parametrize("words", commands(EXTENDING)[:-1], ids=lambda words: words[-1])
-def test_parts_of_ones_own_are_found_by_their_target(words, my_parts):
+def test_parts_of_ones_own_are_found_by_their_target(words, my_parts, tmp_path):
     words = words[1:]
     if "--config-dir" in words:
         words = [*words[2:], f"hydra.searchpath=[file://{my_parts}/{words[1]}]"]
-    if not any(word.startswith("objectives=") for word in words):
+    if not any(word.startswith(("objectives=", "env=")) for word in words):
         words = ["objectives=[baseline,distance,efficiency]", *words]
-    with initialize_config_dir(conf_dir(), version_base="1.3"):
-        cfg = compose("train", words)
-    env = make_base_env(cfg, num_envs=2)
-    actor, critics = make_networks(cfg, env)
-    loss = make_loss(cfg, env, TensorDictModule(actor, ["observation", "preference"], ["action"]), critics)
-    preferences = make_preferences(cfg, len(env.objectives))
-    parts = [env.world, loss, *loss.terms.values(), preferences, *env.rewards.values()]
-    ours = {f"{type(part).__module__}.{type(part).__name__}" for part in parts}
+    cfg = composed([*words, "trainer=smoke"])
+    check_as_a_run(cfg)
+    make_training(cfg).rehearse(tmp_path)
     named = {target for word in words if (target := word.split("=")[-1]).startswith("my_parts.")}
-    assert named <= ours
-    assert isinstance(preferences, PreferenceSampler)
-    assert env.rollout(2)["next", "reward"].shape == (2, 2, len(env.rewards))
+    assert all(name in str(plain(cfg)) for name in named)
 
 
 def test_all_of_them_train_together_and_load_if_trusted(my_parts, monkeypatch):

@@ -23,7 +23,7 @@ def gradients_reach(module):
 
 
 def test_configs_compose_an_environment_with_preferences():
-    rollout = run("By config, in TorchRL's trainers")["rollout"]
+    rollout = run("By config")["rollout"]
     assert rollout["next", "reward"].shape == (4, 3, 3)
     assert rollout["preference"].shape == (4, 3, 2)
 
@@ -65,3 +65,15 @@ def test_scalar_sac_learns_on_the_linearised_reward():
     (names["losses"]["loss_actor"] + names["losses"]["loss_qvalue"]).backward()
     assert gradients_reach(names["loss"].actor_network_params)
     assert gradients_reach(names["loss"].qvalue_network_params)
+
+
+def test_gymnasium_finds_the_environment():
+    names = run("The environment in Gymnasium")
+    assert names["reward"].shape == (3,)
+    assert names["envs"].num_envs == 1024
+
+
+def test_torchrl_trains_the_loss():
+    names = run("In TorchRL's own trainer")
+    assert names["trainer"].collected_frames == 256
+    assert all(torch.isfinite(weights).all() for weights in names["actor"].parameters())

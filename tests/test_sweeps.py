@@ -16,7 +16,7 @@ SWEEPS = {
     "submitit": ["hydra/launcher=submitit_local", "seed=0,1"],
     "optuna": [
         *("hydra/sweeper=optuna", "hydra.sweeper.n_trials=2", "hydra.sweeper.n_jobs=1"),
-        *("hydra.sweeper.direction=maximize", "loss.gamma=interval(0.9,0.99)"),
+        *("hydra.sweeper.direction=maximize", "hooks.discount.end=interval(0.9,0.99)"),
     ],
 }
 SHORT = (ANALYTICAL, "trainer.total_frames=128", "evaluation.episodes=2", "evaluation.steps=1")

@@ -47,7 +47,7 @@ def audit(
         output: where results go; ``audit`` beside the model by default, which then holds the verdict, too.
         objective: of the run's demonstrated ones; the first by default.
         trust: build classes from outside this package that the run names.
-        settings: of :class:`~morlnav.navigation.audit.RewardAudit`, and ``scale`` and ``offset``; ``None`` is the run's.
+        settings: of :class:`~morlnav.navigation.audit.RewardAudit`, ``scale`` and ``offset``; ``None`` is the run's.
 
     Returns:
         Whether the reward passed, and where the report is.

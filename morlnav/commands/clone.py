@@ -16,13 +16,15 @@ from torch import Tensor
 
 from morlnav.cli import conf_dir, one_sentence_errors, quiet, set_threads
 from morlnav.config import check, plain, setting
+from morlnav.evaluation import eval_env
 from morlnav.navigation.audit import Behaviour
 from morlnav.navigation.audit.noise import noisy_rollouts
 from morlnav.navigation.envs import GoalProgress
 from morlnav.navigation.evaluation import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import _interval
-from morlnav.navigation.record.plots import COLOURS, INK, _tidy
+from morlnav.navigation.record.plots import _tidy
 from morlnav.navigation.world import Scene
+from morlnav.record.colours import COLOURS, INK
 from morlnav.runs import make_training
 from morlnav.runs.run import OF_THE_COMMAND
 from morlnav.trainers import Training, live_objects
@@ -44,7 +46,7 @@ class Studies:
     """
 
     def __init__(self, training: Training, episodes: int = 20) -> None:
-        self.training, self.env = training, training.make_env({}, num_envs=1).eval()
+        self.training, self.env = training, eval_env(training.make_env({}, num_envs=1))
         self.max_steps, self.seed = live_objects(self.env)["max_steps"], training.seed
         self.world = self.env.base_env.world
         names = training.pipeline().names if training.rewards is not None else []

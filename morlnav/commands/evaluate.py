@@ -14,6 +14,9 @@ from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
 from morlnav.runs import Run
 
+CHANGES = ("episodes", "steps", "seed", "reference")
+"""Values of a run's evaluation that the command line may change."""
+
 
 def evaluate_run(run: Run, output: Path | None = None) -> Path:
     """Evaluate the policy of a run, and write tables and figures.
@@ -120,6 +123,7 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, help="per preference (default: the run's config)")
     parser.add_argument("--steps", type=int, help="steps of every pairwise interpolation of preferences")
     parser.add_argument("--seed", type=int, help="seed of the episodes")
+    parser.add_argument("--reference", type=float, nargs="+", help="reference point of the hypervolume, by reward")
     parser.add_argument("--output", type=Path, help="where results go (default: RUN_DIR/evaluation)")
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
@@ -138,7 +142,7 @@ def main() -> None:
         parser.error("--contexts and --route go together")
     with one_sentence_errors(own_classes=True):
         set_threads(args.threads)
-        run = Run(args.run, args.trust, {name: getattr(args, name) for name in ("episodes", "steps", "seed")})
+        run = Run(args.run, args.trust, {name: getattr(args, name) for name in CHANGES})
         if args.animate is not None:
             animate_run(run, args.animate, args.scene)
             print(f"The animation is in {args.animate}")

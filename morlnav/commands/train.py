@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -38,7 +39,7 @@ from morlnav.runs import Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
 from morlnav.runs.resuming import resumed_words
 from morlnav.runs.run import OF_THE_COMMAND
-from morlnav.runs.settings import Settings
+from morlnav.runs.settings import Settings, refuse_without_clones
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.workers import watched
@@ -83,7 +84,9 @@ def _begin(settings: Settings, training: Training) -> Trainer:
 def _continue(settings: Settings, training: Training, checkpoint: Path) -> Trainer:
     """A trainer where a checkpoint left it; nothing is written until it is there."""
     settings.refuse_new_defaults()
-    trainer = training.make_trainer(settings.directory, training.restore_rewards(settings.directory))
+    learned = training.restore_rewards(settings.directory)
+    refuse_without_clones(learned, settings.directory)
+    trainer = training.make_trainer(settings.directory, learned)
     try:
         checkpoint = load_checkpoint(trainer, checkpoint)
         if trainer.collected_frames >= trainer.total_frames:
@@ -94,6 +97,8 @@ def _continue(settings: Settings, training: Training, checkpoint: Path) -> Train
             settings.refuse_what_does_not_fit(error)
         raise
     print(f"Continuing from {checkpoint} at {trainer.collected_frames} of {trainer.total_frames} frames.")
+    if "rollout" not in trainer.checkpoint.components:
+        print("Its episodes cannot be saved, so new ones begin; all else goes on as it was.")
     if trainer.progress_bar:
         trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
     remove_leftovers(settings.directory)
@@ -123,7 +128,8 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         for number, handler in handlers.items():
             signal.signal(number, handler)
     if interrupted and trainer.collected_frames < trainer.total_frames:
-        print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={directory}")
+        place = shlex.quote(str(directory))
+        print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={place}")
         return None
     finished = Run(directory, trust=True)
     deployment.save(trainer.checkpoint.components["average"].module, finished.evaluation.objectives, directory)

@@ -11,7 +11,7 @@ from morlnav.data.preferences import (
 )
 from morlnav.data.ranking import SnippetPairs, roll_out_ranked
 from morlnav.data.replay import ReplayBuffer
-from morlnav.data.simplex import preference_edges, simplex_grid
+from morlnav.simplex import preference_edges, simplex_grid
 
 __all__ = [
     "CornerWeightedPreferences",

@@ -9,7 +9,7 @@ from math import prod
 import torch
 from torch import Tensor
 
-from morlnav.data.simplex import check_at_least, simplex_grid
+from morlnav.simplex import check_at_least, simplex_grid
 
 
 class PreferenceSampler(ABC):

@@ -63,11 +63,13 @@ def roll_out_ranked(
     state, steps = env.reset(), []
     running = torch.ones(count, dtype=torch.bool, device=env.device)
     with torch.no_grad(), eval_mode(policy):
-        while len(steps) < max_steps and running.any():
+        for _ in range(max_steps):
             step, state = env.step_and_maybe_reset(act(state))
             entries = {"reward": step["next", "reward"], "mask": running}
             steps.append(step.select("observation", "action").update(entries).clone())
             running = running & ~step["next", "done"].squeeze(-1)
+            if (~running).all():
+                break
     return torch.stack(steps, 1).reshape(len(levels), episodes, -1)
 
 

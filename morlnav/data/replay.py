@@ -44,7 +44,9 @@ class FilledRows(TensorStorageCheckpointer):
         """
         rows = TensorDict.load_memmap(path)
         if len(rows) > storage.max_size:
-            raise ValueError(f"it holds {len(rows)} transitions; expected a replay.capacity of at least as many")
+            raise ValueError(
+                f"it holds {len(rows)} transitions; expected a replay.storage.max_size of at least as many"
+            )
         storage.set(slice(0, len(rows)), rows, set_cursor=False)
         storage._len = len(rows)
 

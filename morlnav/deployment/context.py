@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import torch
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+import yaml
 from torch import Tensor, nn
-from yaml import YAMLError
 
 from morlnav.deployment.policy import Policy
 
@@ -41,22 +39,23 @@ def load_contexts(path: str | Path, objectives: tuple[str, ...]) -> dict[str, Te
     if not path.is_file():
         raise FileNotFoundError(f"There is no file of contexts {path}.")
     try:
-        rooms = OmegaConf.to_container(OmegaConf.load(path), resolve=True)
-    except (YAMLError, OmegaConfBaseException, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is not readable as YAML: {str(error).splitlines()[0]}") from error
-    if not isinstance(rooms, dict) or not rooms:
+        rooms = yaml.safe_load(path.read_text(encoding="utf-8"))  # not by OmegaConf, which resolves
+    except (yaml.YAMLError, ValueError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f" in line {mark.line + 1}" if mark else ""
+        raise ValueError(f"{path} is not readable as YAML{where}.") from error
+    if not isinstance(rooms, dict) or not all(isinstance(weights, dict) for weights in rooms.values()) or not rooms:
         raise ValueError(f"{path} must map rooms to weights, such as corridor: {{{objectives[-1]}: 1.0}}.")
     return {str(room): _preference(f"{room} in {path}", weights, objectives) for room, weights in rooms.items()}
 
 
-def _preference(where: str, weights: object, objectives: tuple[str, ...]) -> Tensor:
-    if not isinstance(weights, Mapping):
-        raise ValueError(f"{where} must map objectives to weights; choose from: {', '.join(objectives)}.")
+def _preference(where: str, weights: Mapping[str, object], objectives: tuple[str, ...]) -> Tensor:
     for name, weight in weights.items():
         if name not in objectives:
             raise ValueError(f"{where} names {name}, which is no objective; choose from: {', '.join(objectives)}.")
         if isinstance(weight, bool) or not isinstance(weight, (int, float)) or not 0 <= weight < math.inf:
-            raise ValueError(f"{where} gives {name} the weight {weight}; weights are numbers of at least 0.")
+            given = weight if isinstance(weight, (int, float)) else f"of type {type(weight).__name__}"
+            raise ValueError(f"{where} gives {name} the weight {given}; weights are numbers of at least 0.")
     if sum(weights.values()) == 0:
         raise ValueError(f"{where} needs a weight above 0.")
     preference = torch.tensor([float(weights.get(name, 0)) for name in objectives])

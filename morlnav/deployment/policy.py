@@ -57,7 +57,7 @@ def _check_inputs(observation: Tensor, preference: Tensor) -> None:
     require(
         finite.all(),
         "Observations must be finite",
-        lambda: "{} in entry {}".format(observation[~finite][0].item(), int((~finite).nonzero()[0, -1])),
+        lambda: f"{observation[~finite][0].item()} in entry {int((~finite).nonzero()[0, -1])}",
     )
     point = ((preference >= 0).all(-1)) & ((preference.sum(-1) - 1).abs() <= SUM_TOLERANCE)  # NaN fails both
     require(
@@ -104,4 +104,4 @@ def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Pol
     facts = read_facts(path)
     if not isinstance(facts.get("objectives"), list):
         raise ValueError(f"{path.with_suffix('.json')} is damaged: it names no objectives.")
-    return Policy(load_module(path, device, trust), facts["objectives"])
+    return Policy(load_module(path, device, trust), facts["objectives"]).eval()

@@ -10,11 +10,11 @@ from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
-from morlnav.data.simplex import preference_edges, simplex_grid
 from morlnav.evaluation.front import describe_front, front_table, read_reference, reference_from_bounds
 from morlnav.evaluation.labels import preference_label
 from morlnav.evaluation.pareto import expected_utility
-from morlnav.evaluation.returns import discounted_returns
+from morlnav.evaluation.returns import discounted_returns, eval_env
+from morlnav.simplex import preference_edges, simplex_grid
 
 HELD_OUT = 2**31
 """Episodes of an evaluation are seeded from here on, those of a training below it."""
@@ -27,8 +27,8 @@ class Evaluation:
         episodes: per preference.
         steps: preferences are all pairwise interpolations of corners in so many steps.
         seed: of the episodes, which no training sees.
-        reference: reference point of the hypervolume, a number per reward or by name; ``None`` takes one below the worst
-            that the rewards can add up to.
+        reference: reference point of the hypervolume, a number per reward or by name; ``None`` takes one below the
+            worst that the rewards can add up to.
         make_env: ``make_env(num_envs=...)`` makes an environment that keeps a preference handed to ``reset``.
         rewards: names of the entries of the reward, static ones first.
         num_objectives: entries of λ.
@@ -110,7 +110,7 @@ class Evaluation:
         text = f"{_markdown(shown)}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
         (directory / "table.md").write_text(text + "\n", encoding="utf-8")
         if self.num_objectives > 1:
-            from morlnav.record.front_plot import plot_front  # loads matplotlib
+            from morlnav.evaluation.front_plot import plot_front  # loads matplotlib
 
             plot_front(table).savefig(directory / "front.png", dpi=150)
         return table
@@ -121,7 +121,7 @@ class Evaluation:
 
         table, console = pd.read_csv(output / "front.csv"), make_console()
         shown = [name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]
-        print_table(table[shown].rename(columns=lambda name: name.removeprefix("lambda_").replace("_", " ")), console)
+        print_table(table[shown].rename(columns=lambda name: name.replace("lambda_", "λ ").replace("_", " ")), console)
         console.print(describe_front(table))
 
     @staticmethod
@@ -141,7 +141,7 @@ class Evaluation:
             seed: of the episodes.
             gamma: discount, one for all or one per entry of the reward ``[m]``.
         """
-        env = self.make_env(num_envs=episodes).eval()
+        env = eval_env(self.make_env(num_envs=episodes))
         driver = TensorDictModule(policy, ["observation", "preference"], ["action"])
         try:
             return discounted_returns(env, driver, preferences, self.max_steps, gamma, HELD_OUT + seed).cpu()
@@ -150,6 +150,6 @@ class Evaluation:
 
 
 def _markdown(table: pd.DataFrame) -> str:
-    cells = [[name.removeprefix("lambda_").replace("_", " ") for name in table], ["--:"] * table.shape[1]]
+    cells = [[name.replace("lambda_", "λ ").replace("_", " ") for name in table], ["--:"] * table.shape[1]]
     cells += [[f"{value:.4g}" for value in row] for row in table.itertuples(index=False)]
     return "\n".join(f"| {' | '.join(row)} |" for row in cells)

@@ -61,8 +61,7 @@ def read_reference(
     numbers = isinstance(values, Sequence) and all(isinstance(value, (int, float)) for value in values)
     if not numbers or len(values) != len(rewards):
         raise ValueError(
-            f"reference needs {len(rewards)} numbers, for {', '.join(rewards)}, or numbers by name; "
-            f"got {given}."
+            f"reference needs {len(rewards)} numbers, for {', '.join(rewards)}, or numbers by name; got {given}."
         )
     return default.new_tensor(values)
 
@@ -142,7 +141,10 @@ def describe_front(table: pd.DataFrame) -> str:
     names = [name.removeprefix("reference_") for name in table if name.startswith("reference_")]
     first = table.iloc[0]
     if not names:
-        return f"Expected utility {first['expected_utility']:.1f}."
+        return (
+            f"Expected utility {first['expected_utility']:.1f}. No hypervolume, for some rewards have no known least "
+            "value; a reference point would do (reference, a number for each reward)."
+        )
     point = ", ".join(f"{name} {first[f'reference_{name}']:.6g}" for name in names)
     text = (
         f"Expected utility {first['expected_utility']:.1f}, hypervolume {first['hypervolume']:.4g} above the "

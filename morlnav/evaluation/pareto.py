@@ -9,7 +9,7 @@ import moocore
 import torch
 from torch import Tensor
 
-from morlnav.objectives.scalarisation import LinearScalarisation
+from morlnav.modules.scalarisation import LinearScalarisation
 
 
 def pareto_mask(points: Tensor) -> Tensor:

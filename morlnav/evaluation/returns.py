@@ -6,7 +6,7 @@ import torch
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
-from torchrl.envs import EnvBase
+from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from morlnav.modules.mode import eval_mode
@@ -79,3 +79,17 @@ def _returns(
         torch.as_tensor(gamma, device=reward.device) ** torch.arange(done.shape[1], device=reward.device)[:, None]
     )
     return (reward * running * discounts).sum(1)
+
+
+def eval_env(env: EnvBase) -> EnvBase:
+    """An environment in evaluation mode, with what it wraps, which TorchRL's ``TransformedEnv.eval`` leaves as it is.
+
+    Examples:
+        >>> from morlnav import NavigationEnv
+        >>> env = eval_env(TransformedEnv(NavigationEnv(inflation=0.1)))
+        >>> env.base_env.world.robot.radius  # its true size
+        0.18
+    """
+    if isinstance(env, TransformedEnv):
+        eval_env(env.base_env)
+    return env.eval()

@@ -8,15 +8,22 @@ from morlnav.modules.reward_model import NormalisedReward, RewardEnsemble, Rewar
 from morlnav.modules.saved import load_module, load_weights, read_facts, save_module, write_facts
 
 if TYPE_CHECKING:
+    from morlnav.modules.held_noise import HeldNoise
     from morlnav.modules.interpolator import PreferenceInterpolator
     from morlnav.modules.noise import EpsilonGreedyNoise, PartlyGreedyNoise
 
-_HOMES = {"EpsilonGreedyNoise": "noise", "PartlyGreedyNoise": "noise", "PreferenceInterpolator": "interpolator"}
+_HOMES = {
+    "EpsilonGreedyNoise": "noise",
+    "HeldNoise": "held_noise",
+    "PartlyGreedyNoise": "noise",
+    "PreferenceInterpolator": "interpolator",
+}
 
 __all__ = [
     "Actor",
     "EpsilonGreedyNoise",
     "Flat",
+    "HeldNoise",
     "NormalisedReward",
     "PartlyGreedyNoise",
     "Perceptron",

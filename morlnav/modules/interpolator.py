@@ -8,8 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import normalize
 
-from morlnav.data.simplex import simplex_grid
-from morlnav.objectives.scalarisation import LinearScalarisation
+from morlnav.modules.scalarisation import LinearScalarisation
+from morlnav.simplex import simplex_grid
 
 
 class PreferenceInterpolator(nn.Module):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Collection, Mapping
 from importlib import import_module
@@ -19,6 +20,8 @@ OURS = ("morlnav.modules.", "morlnav.navigation.modules.")
 
 def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | None = None) -> None:
     """Write a module as two files: its weights into ``path``, and what it is into the same name with ``.json``.
+
+    The description holds the SHA-256 of the weights, so that a changed file is noticed when it is loaded.
 
     Args:
         model: made of classes with a method ``config()``, which gives their constructor's arguments; arguments may be
@@ -40,9 +43,10 @@ def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
     check_weights(model, str(path))
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write(path, {"model": _describe(model), "facts": dict(facts or {})})
+    description = {"model": _describe(model), "facts": dict(facts or {})}
     unfinished = path.with_name(f"{path.name}.part")
     torch.save(model.state_dict(), unfinished)
+    _write(path, description | {"sha256": _digest(unfinished)})
     unfinished.replace(path)  # last, and at once: where the weights are, they are whole, and so is the rest
 
 
@@ -83,8 +87,11 @@ def load_module(
         FileNotFoundError: if one of the two files is missing.
         ValueError: if a file is damaged, names a foreign class, or the two do not belong together.
     """
+    description = _read(path)
+    if description["sha256"] not in (None, _digest(Path(path))):
+        raise ValueError(f"{path} is damaged: it does not hold the weights that were saved.")
     with torch.random.fork_rng(devices=[]):  # what is drawn afterwards does not depend on what was loaded
-        model = _build(_read(path)["model"], Path(path).with_suffix(".json"), trust)
+        model = _build(description["model"], Path(path).with_suffix(".json"), trust)
     model = load_weights(model, path, device).requires_grad_(False)
     check_weights(model, str(path))
     return model
@@ -115,6 +122,11 @@ def load_weights(model: nn.Module, path: str | Path, device: torch.device | str 
     return model.to(device).eval()
 
 
+def _digest(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     text = json.dumps(content, indent=2)  # first, for it may fail
     path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
@@ -127,9 +139,12 @@ def _read(path: str | Path) -> dict[str, Any]:
             raise FileNotFoundError(f"There is no {file}; a saved module is two files, {path} and {description.name}.")
     try:
         content = json.loads(description.read_text(encoding="utf-8"))
-        return {"model": dict(content["model"]), "facts": dict(content["facts"])}
+        read = {"model": dict(content["model"]), "facts": dict(content["facts"]), "sha256": content.get("sha256")}
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{description} does not describe a saved module; save it again.") from error
+    if "_target_" not in read["model"]:
+        raise ValueError(f"{description} was made by morlnav 0.1, which this version does not read; train it again.")
+    return read
 
 
 def _describe(value: Any) -> Any:

@@ -1,10 +1,10 @@
 """Loss modules."""
 
+from morlnav.modules.scalarisation import LinearScalarisation
 from morlnav.objectives.bounds import ReturnBounds
 from morlnav.objectives.cloning import BehaviourCloningLoss
 from morlnav.objectives.morl_td3 import MORLTD3Loss
 from morlnav.objectives.ranking import RankingLoss
-from morlnav.objectives.scalarisation import LinearScalarisation
 from morlnav.objectives.terms import (
     Acted,
     AngleTerm,

@@ -39,7 +39,7 @@ class BehaviourCloningLoss(BCLoss):
     Examples:
         >>> from morlnav.modules import Actor
         >>> low, high = torch.tensor([0.0, -3.14]), torch.tensor([0.5, 3.14])
-        >>> clone = TensorDictModule(Actor(0, low, high), ["observation"], ["action"])
+        >>> clone = TensorDictModule(Actor(0, low, high, features=34), ["observation"], ["action"])
         >>> loss = BehaviourCloningLoss(clone, bounds=(low, high))
         >>> out = loss(TensorDict(observation=torch.zeros(8, 34), action=torch.zeros(8, 2), batch_size=[8]))
         >>> out["loss_bc"].shape, out["error"].shape

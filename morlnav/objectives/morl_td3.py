@@ -14,8 +14,8 @@ from torchrl.data import TensorSpec
 from torchrl.envs.utils import step_mdp
 from torchrl.objectives.utils import distance_loss
 
+from morlnav.modules.scalarisation import LinearScalarisation
 from morlnav.objectives.actor_critic import VectorActorCriticLoss
-from morlnav.objectives.scalarisation import LinearScalarisation
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
 
 LOSS_FUNCTIONS = ("l2", "l1", "smooth_l1")
@@ -49,9 +49,8 @@ class MORLTD3Loss(VectorActorCriticLoss):
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
         terms: what else the losses hold, by the name under which it is reported; see
             :class:`~morlnav.objectives.terms.LossTerm`.
-        reward_bounds: least and largest reward of a step, each ``[m]`` or one number, infinite where unknown. Targets
-            then stay within what any policy can return (:class:`ReturnBounds`), so that no actor can feed on a critic's
-            overestimate.
+        return_bounds: keeps targets within what any policy can return, as :class:`ReturnBounds` does, so that no actor
+            can feed on a critic's overestimate; ``None`` leaves them as they are.
 
     Raises:
         ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, negative noise,
@@ -63,10 +62,9 @@ class MORLTD3Loss(VectorActorCriticLoss):
         >>> from morlnav.modules import Actor, VectorCritic
         >>> from morlnav.objectives.terms import AngleTerm
         >>> low, high = torch.tensor([0.0, -3.14]), torch.tensor([0.5, 3.14])
-        >>> actor = TensorDictModule(Actor(2, low, high), ["observation", "preference"], ["action"])
-        >>> critic = TensorDictModule(
-        ...     VectorCritic(3, 2, low, high), ["observation", "preference", "action"], ["state_action_value"]
-        ... )
+        >>> actor = TensorDictModule(Actor(2, low, high, features=34), ["observation", "preference"], ["action"])
+        >>> critic = VectorCritic(3, 2, low, high, features=34)
+        >>> critic = TensorDictModule(critic, ["observation", "preference", "action"], ["state_action_value"])
         >>> loss = MORLTD3Loss(actor, critic, bounds=(low, high), terms={"angle": AngleTerm(actor=0.05)})
         >>> batch = TensorDict(
         ...     observation=torch.randn(8, 34), preference=torch.full((8, 2), 0.5), action=torch.rand(8, 2),

@@ -49,7 +49,8 @@ class RankingLoss(LossModule):
 
     Examples:
         >>> from morlnav.modules import RewardModel
-        >>> network = TensorDictModule(RewardModel(), ["observation", "action"], ["reward"])
+        >>> model = RewardModel(["observation", "action"], [0.0, -3.14], [0.5, 3.14], features=34)
+        >>> network = TensorDictModule(model, ["observation", "action"], ["reward"])
         >>> loss = RankingLoss(network)
         >>> def snippets():
         ...     return TensorDict(observation=torch.rand(8, 25, 34), action=torch.rand(8, 25, 2), batch_size=[8])

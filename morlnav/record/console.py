@@ -18,9 +18,10 @@ def make_console() -> Console:
 
 
 def print_table(table: pd.DataFrame, console: Console) -> None:
-    """Print numbers as an aligned table, with as many columns as there is room for.
+    """Print numbers as an aligned table: names broken at words if need be, and as many columns as there is room for.
 
-    >>> print_table(pd.DataFrame({"speed": [1.0, 0.5], "utility": [20.0, 18.25]}), make_console())
+    >>> table = pd.DataFrame({"speed": [1.0, 0.5], "utility": [20.0, 18.25]})
+    >>> print_table(table, make_console())  # doctest: +NORMALIZE_WHITESPACE
     <BLANKLINE>
      speed   utility
     ─────────────────
@@ -28,12 +29,14 @@ def print_table(table: pd.DataFrame, console: Console) -> None:
        0.5     18.25
     <BLANKLINE>
     """
-    for count in range(table.shape[1], 0, -1):
+    whole = list(table)
+    broken = [name.replace(" ", "\n") for name in whole]
+    for names in (whole, *(broken[:count] for count in range(len(whole), 0, -1))):
         shown = Table(box=box.SIMPLE_HEAD)
-        for name in list(table)[:count]:
-            shown.add_column(name, justify="right")
+        for name in names:
+            shown.add_column(name, justify="right", vertical="bottom")
         for row in table.itertuples(index=False):
-            shown.add_row(*(f"{value:.4g}" for value in row[:count]))
+            shown.add_row(*(f"{value:.4g}" for value in row[: len(names)]))
         if console.measure(shown, options=console.options.update(width=1000)).maximum <= console.width:
             break
     console.print(shown)

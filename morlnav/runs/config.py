@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from omegaconf import OmegaConf
-from yaml import YAMLError
+import pandas as pd
+import yaml
 
 CONFIG_FILE = "config.yaml"
 
@@ -25,10 +27,41 @@ def load_config(directory: str | Path) -> dict[str, Any]:
     path = Path(directory) / CONFIG_FILE
     if not path.is_file():
         raise FileNotFoundError(f"{directory} is not a run directory: it holds no {CONFIG_FILE}.")
-    try:
-        config = OmegaConf.load(path)
-    except (YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} is damaged: it is no YAML.") from error
-    if not OmegaConf.is_dict(config):
+    config = read_yaml(path)
+    if not isinstance(config, dict):
         raise ValueError(f"{path} is damaged: it maps no keys to values.")
-    return OmegaConf.to_container(config, resolve=False)
+    return config
+
+
+def read_yaml(path: Path) -> Any:
+    """A file of a run as plain values; OmegaConf would resolve what strangers wrote there.
+
+    Raises:
+        ValueError: if it is no YAML.
+    """
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, ValueError) as error:
+        raise ValueError(f"{path} is damaged: it is no YAML.") from error
+
+
+def refuse_old(config: dict[str, Any], directory: Path) -> None:
+    """Refuse a run of an older version, whose config has another structure.
+
+    Raises:
+        ValueError: naming the version.
+    """
+    if "_target_" not in config:
+        raise ValueError(f"{directory} was made by morlnav 0.1; this version reads runs since 0.2, so train it again.")
+
+
+def flat_settings(config: Mapping[str, Any], run: Path) -> dict[str, object]:
+    """The config values of a run by their dotted names; where and how it went on is no setting, nor is its place."""
+    flat = pd.json_normalize(dict(config)).to_dict("records")[0]
+    for key in ("resume", "trust"):
+        flat.pop(key, None)
+    own = f"{run}{os.sep}"
+    return {
+        key: str(value).removeprefix(own) if isinstance(value, str | list | dict) else value
+        for key, value in flat.items()
+    }

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from hydra import compose, initialize_config_dir
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -14,6 +14,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
 from morlnav.cli import conf_dir
+from morlnav.runs.config import CONFIG_FILE, load_config, read_yaml, refuse_old
 from morlnav.runs.trust import foreign_targets, targets
 
 IN_HYDRA = ("callbacks", "job_logging", "hydra_logging", "launcher", "sweeper", "job.env_set", "job.chdir")
@@ -40,7 +41,7 @@ def resumed_words(words: Sequence[str]) -> tuple[list[str], bool]:
         Traceback (most recent call last):
         ValueError: resume=nowhere: no run of morlnav-train there.
     """
-    places = [word.split("=", 1)[1].strip("'\"") for word in words if word.startswith("resume=")]
+    places = [_unquoted(word.removeprefix("resume=")) for word in words if word.startswith("resume=")]
     if not places:
         return list(words), True
     place, trust = Path(places[-1]), "trust=true" in map(str.lower, words)
@@ -50,18 +51,19 @@ def resumed_words(words: Sequence[str]) -> tuple[list[str], bool]:
     directory = place.parent.parent if place.parent.name == "checkpoints" else place
     if not (directory / ".hydra" / "overrides.yaml").is_file():
         raise ValueError(f"resume={place}: no run of morlnav-train there.")
+    if (directory / CONFIG_FILE).is_file():
+        refuse_old(load_config(directory), directory)
     began = _words_of_a_run(directory / ".hydra" / "overrides.yaml")
     folders = _folders_of_configs(directory / ".hydra" / "hydra.yaml", trust)
     joined = [*folders, *began, *typed]
     if not trust:
         _check(joined, typed, directory)
-    # Quoted, for a directory may have "=" and "," in its name.
-    return [*joined, f"resume='{place}'", f"hydra.run.dir='{directory}'"], trust
+    return [*joined, f"resume={quoted(place)}", f"hydra.run.dir={quoted(directory)}"], trust
 
 
 def _words_of_a_run(path: Path) -> list[str]:
     """The words that a run began with; options, and what would change Hydra itself, are never among them."""
-    words, parser = _load(path), OverridesParser.create()
+    words, parser = read_yaml(path), OverridesParser.create()
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):
         raise ValueError(f"{path} is damaged: it is no list of words.")
     for word in words:
@@ -79,7 +81,7 @@ def _folders_of_configs(path: Path, trust: bool) -> list[str]:
     if not path.is_file():
         return []
     try:
-        settings = _load(path)["hydra"]
+        settings = read_yaml(path)["hydra"]
         sources = [source for source in settings["runtime"]["config_sources"] if source["provider"] == "command-line"]
         folders = [str(source["path"]) for source in sources]
         searched = [word for word in settings["overrides"]["hydra"] if str(word).startswith("hydra.searchpath=")]
@@ -96,11 +98,21 @@ def _search_path(word: str) -> list[str]:
     return [str(place) for place in OverridesParser.create().parse_override(word).value()]
 
 
-def _load(path: Path) -> Any:
+def quoted(text: object) -> str:
+    r"""A value as one word of Hydra, whatever quotes, spaces, ``=`` or ``,`` it holds.
+
+    >>> print(quoted("q'uote"))
+    'q\'uote'
+    """
+    return "'" + re.sub(r"(\\*)(?='|$)", r"\1\1", str(text)).replace("'", "\\'") + "'"
+
+
+def _unquoted(text: str) -> str:
+    """What Hydra reads from a value; a path may hold what Hydra would want in quotes."""
     try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))  # not by OmegaConf, which resolves
-    except (yaml.YAMLError, ValueError) as error:
-        raise ValueError(f"{path} is damaged: it is no YAML.") from error
+        return str(OverridesParser.create().parse_override(f"resume={text}").value()) if text[:1] in "'\"" else text
+    except HydraException:
+        return text
 
 
 def _check(words: Sequence[str], typed: Sequence[str], directory: Path) -> None:
@@ -109,10 +121,10 @@ def _check(words: Sequence[str], typed: Sequence[str], directory: Path) -> None:
     searched = [word for word in args.overrides if word.startswith("hydra.searchpath=")]
     folders = [f"file://{Path(args.config_dir).resolve()}"] if args.config_dir else []
     folders += _search_path(searched[0]) if searched else []  # the first one counts
-    place = ",".join(f"'{folder}'" for folder in folders)
+    place = ",".join(map(quoted, folders))
     rest = [word for word in args.overrides if not word.startswith("hydra.searchpath=")]
     with initialize_config_dir(conf_dir(), version_base="1.3"):
-        cfg = compose("train", [*rest, f"hydra.searchpath=[{place}]", f"hydra.run.dir='{directory}'"], True)
+        cfg = compose("train", [*rest, f"hydra.searchpath=[{place}]", f"hydra.run.dir={quoted(directory)}"], True)
         plain = compose(
             "train", [word for word in own.overrides if word.lstrip("+~").startswith(("hydra.", "hydra/"))], True
         )
@@ -144,5 +156,7 @@ def check_training(config: Mapping[str, Any]) -> None:
     backend, options = (config.get(name) or {} for name in ("collector", "compile"))
     if backend.get("backend") not in (None, "direct", "process"):
         raise ValueError(f"This run collects by the backend {backend['backend']}; {TRUST}.")
+    if moved := [name for name in ("log_dir", "save_dir") if name in (config.get("logger") or {})]:
+        raise ValueError(f"This run sets logger.{moved[0]}, and would write elsewhere; {TRUST}.")
     if options.get("options") is not None:
         raise ValueError(f"This run sets compile.options; {TRUST}.")

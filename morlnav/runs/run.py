@@ -10,7 +10,7 @@ from typing import Any
 from morlnav.config import build, plain
 from morlnav.deployment import Policy, load
 from morlnav.evaluation import Evaluation
-from morlnav.runs.config import load_config
+from morlnav.runs.config import CONFIG_FILE, load_config, refuse_old
 from morlnav.runs.trust import foreign_targets
 from morlnav.trainers import LearnedReward, Training
 
@@ -76,8 +76,9 @@ def readable(config: dict[str, Any], directory: Path) -> dict[str, Any]:
     """
     if "${" in str(config):  # runs are saved resolved, and a resolver could make up a class
         raise ValueError(f"The config of a run holds no interpolation, but that of {directory} does.")
-    if "_target_" not in config:
-        raise ValueError(f"{directory} was made by morlnav 0.1; this version reads runs since 0.2, so train it again.")
+    refuse_old(config, directory)
+    if not isinstance(config.get("evaluation"), dict):
+        raise ValueError(f"{directory / CONFIG_FILE} is damaged: it names no evaluation.")
     return config | {"device": "cpu"}
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from morlnav.analysis import flat_settings
 from morlnav.deployment.policy import POLICY_FILE
-from morlnav.runs.config import CONFIG_FILE, load_config
+from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config
+from morlnav.trainers.drex import CLONE_FILE, LearnedReward
 
 NO_RESULT_DEPENDS_ON = ("cache", "trainer.progress_bar")
 
@@ -24,6 +24,7 @@ class Settings:
 
     Examples:
         >>> import tempfile
+        >>> from omegaconf import OmegaConf
         >>> run = Path(tempfile.mkdtemp())
         >>> OmegaConf.save({"seed": 0, "cache": "here"}, run / "config.yaml")
         >>> Settings(OmegaConf.create({"seed": 5, "cache": "there"}), run).changed()
@@ -101,8 +102,8 @@ class Settings:
 
         if changed := self.changed(counts):
             raise ValueError(
-                f"resume={self.cfg.resume}: defaults have changed since the run began ({'; '.join(changed)}); name these "
-                f"values on the command line to go on."
+                f"resume={self.cfg.resume}: defaults have changed since the run began ({'; '.join(changed)}); name "
+                f"these values on the command line to go on."
             )
 
     def refuse_to_change_a_finished_run(self) -> None:
@@ -128,6 +129,18 @@ class Settings:
                 f"resume={self.cfg.resume}: the checkpoint does not load with other settings ({_some(changed)}); leave "
                 f"them as they were, or begin a run of its own: {error}"
             ) from error
+
+
+def refuse_without_clones(learned: Mapping[str, LearnedReward], directory: Path) -> None:
+    """A run can be measured without the clones of its demonstrators, but they guide the actor while it learns.
+
+    Raises:
+        ValueError: naming the first objective that lacks its own.
+    """
+    if lacking := [name for name, reward in learned.items() if reward.clone is None]:
+        raise ValueError(
+            f"{directory} keeps no {CLONE_FILE} of {lacking[0]}, which learning needs; begin a run of its own."
+        )
 
 
 def _some(changed: list[str]) -> str:

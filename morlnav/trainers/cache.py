@@ -25,7 +25,8 @@ T = TypeVar("T")
 class Cache:
     """Keeps the results of stages, each named by a hash of its config and of all stages before it.
 
-    Results hold for a seed, a number of threads and a version of the code. Parallel runs wait for one of them.
+    Results hold for a seed, a number of threads and a version of the code. Parallel runs wait for one of them. Files
+    that have changed since they were kept are refused.
 
     Args:
         directory: where results go; ``None`` keeps nothing.
@@ -82,44 +83,89 @@ class Cache:
             path = self.directory / f"{name}-{self.digest(name)}{suffix}"
             path.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(path.with_suffix(".lock")):
-                if path.exists():
+                done = path.exists()
+                if done:
                     remark("from the cache")
-                yield path, path.exists()
+                yield path, done
 
     def keep(self, name: str, make: Callable[[], T], save: Callable[[T, Path], None], load: Callable[[Path], T]) -> T:
-        """The result of a stage, made or loaded."""
+        """The result of a stage, made or loaded.
+
+        Raises:
+            ValueError: if what the cache holds is damaged.
+        """
         with self._stage(name) as (path, done):
-            if done:
+            if not done:
+                value = make()
+                _fill(path, lambda unfinished: save(value, unfinished))
+            with _refused_if_damaged(path, done):
+                _verify(path)
                 return load(path)
-            value = make()
-            unfinished = path.with_suffix(".part")
-            shutil.rmtree(unfinished, ignore_errors=True)  # of a process that was killed
-            save(value, unfinished)
-            unfinished.rename(path)
-            return load(path)
 
     def keep_module(
         self, name: str, make: Callable[[], tuple[nn.Module, dict]], label: str | None = None
     ) -> tuple[nn.Module, dict[str, Any]]:
-        """A module and facts about it, made or loaded; frozen, in evaluation mode."""
+        """A module and facts about it, made or loaded; frozen, in evaluation mode.
+
+        Raises:
+            ValueError: if what the cache holds is damaged.
+        """
         with self._stage(name, ".pt", label) as (path, done):
             if not done:
                 model, facts = make()
                 save_module(model, path, facts)
-            return load_module(path, trust=self.trust), read_facts(path)
+            with _refused_if_damaged(path, done):
+                return load_module(path, trust=self.trust), read_facts(path)
 
     def keep_folder(self, name: str, make: Callable[[Path], None]) -> Path:
-        """A folder of files, made or found; without a cache it lies in a temporary place until the process ends."""
+        """A folder of files, made or found; without a cache it lies in a temporary place until the process ends.
+
+        Raises:
+            ValueError: if what the cache holds is damaged.
+        """
         with self._stage(name) as (path, done):
-            if done:
-                return path
-            unfinished = path.with_suffix(".part")
-            shutil.rmtree(unfinished, ignore_errors=True)
-            make(unfinished)
             if self.directory is None:
                 path = Path(tempfile.mkdtemp()) / name
-            unfinished.rename(path) if self.directory is not None else shutil.move(unfinished, path)
+            if not done:
+                _fill(path, make)
+            with _refused_if_damaged(path, done):
+                _verify(path)
             return path
+
+
+def _fill(path: Path, make: Callable[[Path], None]) -> None:
+    """Make a folder whole or not at all, and keep its hash beside it."""
+    unfinished = path.with_suffix(".part")
+    shutil.rmtree(unfinished, ignore_errors=True)  # of a process that was killed
+    make(unfinished)
+    path.with_suffix(".sha256").write_text(_digest(unfinished))
+    unfinished.rename(path)
+
+
+def _verify(path: Path) -> None:
+    kept = path.with_suffix(".sha256")
+    if kept.is_file() and kept.read_text() != _digest(path):
+        raise ValueError("its files are not those that were kept")
+
+
+def _digest(folder: Path) -> str:
+    digest = hashlib.sha256()
+    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+        digest.update(f"{file.relative_to(folder).as_posix()}\0{file.stat().st_size}\0".encode())
+        with file.open("rb") as stream:
+            digest.update(hashlib.file_digest(stream, "sha256").digest())
+    return digest.hexdigest()
+
+
+@contextmanager
+def _refused_if_damaged(path: Path, found: bool) -> Iterator[None]:
+    try:
+        yield
+    except (ValueError, FileNotFoundError) as error:
+        if not found:
+            raise
+        reason = str(error).removesuffix(".")
+        raise ValueError(f"The cache holds damaged files ({reason}); delete {path}, and they are made anew.") from error
 
 
 def _example() -> nn.Module:

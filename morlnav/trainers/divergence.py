@@ -8,8 +8,8 @@ from torch.nn.utils import get_total_norm
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 NETWORKS = {
-    "actor_network_params": ("the actor's", "trainer.optimizer_actor.lr"),
-    "qvalue_network_params": ("the critics'", "trainer.optimizer_critic.lr"),
+    "actor_network_params": ("the actor's", "stepper.optimizer_actor.lr"),
+    "qvalue_network_params": ("the critics'", "stepper.optimizer_critic.lr"),
 }
 """What the parameters of a loss are called, and where the config has their learning rate."""
 

@@ -212,11 +212,13 @@ class LearnedReward:
         transform: pays for it in an environment.
         demonstrator: who drives as demonstrated, from observations ``[B, D]`` to actions ``[B, A]``.
         clone: the network that imitates the demonstrator.
+        demonstrations: transitions ``[N]`` that it was learned from; ``None`` where it was restored.
     """
 
     transform: DemonstrationReward
     demonstrator: Policy | None = None
     clone: nn.Module | None = None
+    demonstrations: TensorDict | None = None
 
 
 class DREX:
@@ -316,7 +318,7 @@ class DREX:
         if directory is not None:
             save_module(reward, directory / REWARD_FILE, {**facts, "origin": stages.origin("ranking")})
             save_module(clone, directory / CLONE_FILE)
-        return self._learned(name, reward, source.policy or clone, clone)
+        return self._learned(name, reward, source.policy or clone, clone, data)
 
     def clones(self) -> list[nn.Module]:
         """The clone of each demonstrator, learned or taken from the cache."""
@@ -330,7 +332,7 @@ class DREX:
         return data, stages.keep_module("clone", lambda: (self._clone(data, **display, name=label), {}))[0]
 
     def restore(self, directory: Path) -> dict[str, LearnedReward]:
-        """The rewards that :meth:`learn` left in a run directory.
+        """The rewards that :meth:`learn` left in a run directory; without clones where they are missing and not asked.
 
         Raises:
             FileNotFoundError: if one is missing.
@@ -339,19 +341,19 @@ class DREX:
         return {name: self._restore(name, place(directory, name)) for name in self.demonstrations}
 
     def _restore(self, name: str, directory: Path) -> LearnedReward:
-        policy, file, origin = (
-            self.demonstrations[name].policy,
-            directory / REWARD_FILE,
-            self.stages[name].origin("ranking"),
-        )
+        policy, origin = self.demonstrations[name].policy, self.stages[name].origin("ranking")
+        file, imitator = directory / REWARD_FILE, directory / CLONE_FILE
         if origin is not None and read_facts(file).get("origin") != origin:
             raise ValueError(f"{file} was learned by another config than that of this run.")
-        clone = load_module(directory / CLONE_FILE, trust=self.trust)
+        clone = None if policy is not None and not imitator.is_file() else load_module(imitator, trust=self.trust)
         return self._learned(name, load_module(file, trust=self.trust), policy or clone, clone)
 
-    def _learned(self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module | None) -> LearnedReward:
+    def _learned(
+        self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module, data: TensorDict | None = None
+    ) -> LearnedReward:
         entry = self.live["num_static"] + self.names.index(name)
-        return LearnedReward(DemonstrationReward(reward, self.scale, self.offset, entry, name), demonstrator, clone)
+        transform = DemonstrationReward(reward, self.scale, self.offset, entry, name)
+        return LearnedReward(transform, demonstrator, clone, data)
 
     def untrained(self) -> dict[str, LearnedReward]:
         """Rewards of nothing, to try whether everything else fits."""

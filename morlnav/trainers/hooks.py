@@ -13,7 +13,7 @@ from torch import Tensor
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 from morlnav.evaluation import Evaluation
-from morlnav.objectives.scalarisation import by_name
+from morlnav.modules.scalarisation import by_name
 
 
 class PeriodicHook(TrainerHookBase):
@@ -191,10 +191,11 @@ class LogEpisodes(PeriodicHook):
             values["return_scalarised"] = (weights * returns).sum(-1)
         outcome = episodes.get("outcome", None)
         values |= {} if outcome is None else {f"ended_{name}": flag.squeeze(-1) for name, flag in outcome.items()}
-        if "truncated" in episodes.keys():
-            values["timeout"] = (episodes.get("truncated") & ~episodes.get("terminated")).squeeze(-1)
-        if "step_count" in episodes.keys():
-            values["episode_length"] = episodes.get("step_count").squeeze(-1)
+        truncated, steps = episodes.get("truncated", None), episodes.get("step_count", None)
+        if truncated is not None:
+            values["timeout"] = (truncated & ~episodes.get("terminated")).squeeze(-1)
+        if steps is not None:
+            values["episode_length"] = steps.squeeze(-1)
         return {name: value.float() for name, value in values.items()}
 
     def _write(self, means: Tensor, frames: int) -> None:

@@ -12,8 +12,8 @@ from morlnav.trainers.hooks import PeriodicHook, log_scalar
 class FitInterpolator(PeriodicHook):
     """Measure the value of every key preference by roll-outs of the averaged actor, and refit interpolators to them.
 
-    It serves every term of the trainer's loss that has an ``interpolator``, such as the angle. A key's value is the mean
-    discounted return vector of some episodes, the same for every key, with the loss's present discount.
+    It serves every term of the trainer's loss that has an ``interpolator``, such as the angle. A key's value is the
+    mean discounted return vector of some episodes, the same for every key, with the loss's present discount.
 
     Args:
         interval: environment steps of the training between two measurements.

@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from torchrl.data import Bounded
-from torchrl.envs import EnvBase, StepCounter, TransformedEnv
+from torchrl.envs import EnvBase, SerialEnv, StepCounter, TransformedEnv
 
 from morlnav.objectives.bounds import action_bounds
-from morlnav.transforms import RewardVector
+from morlnav.transforms import RewardVector, transforms_of
+
+TOLD = ("rewards", "num_static", "reward_bounds", "max_steps", "live")
+"""Attributes by which an environment tells of itself."""
+
+
+def side_by_side(make: Callable[[], EnvBase], count: int) -> SerialEnv:
+    """So many of an environment in TorchRL's ``SerialEnv``, which tell of themselves what one does.
+
+    >>> from morlnav import NavigationEnv
+    >>> side_by_side(NavigationEnv, 3).rewards["efficiency"]
+    Efficiency(penalty=-10.0)
+    """
+    env = SerialEnv(count, make)
+    env.start()
+    for name in TOLD:
+        if (values := getattr(env, name, None)) is not None:  # a list, one of each
+            setattr(env, name, values[0])
+    return env
 
 
 def live_objects(env: EnvBase) -> dict[str, Any]:
     """What an environment tells the parts that learn in it, by the name of the argument that takes it.
 
-    An environment adds what its own domain needs by an attribute ``live``, as a robot or a lidar's range.
+    An environment adds what its own domain needs by an attribute ``live``, as a robot or a lidar's range. One that ends
+    episodes by a time limit of its own may tell it by an attribute ``max_steps``.
 
     Raises:
-        ValueError: if actions have no finite bounds.
+        ValueError: if actions have no finite bounds, or observations are called otherwise.
 
     Examples:
         >>> from morlnav import NavigationEnv
@@ -28,7 +48,11 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
     base = env.base_env if isinstance(env, TransformedEnv) else env
     vector, spec = RewardVector.of(env), getattr(base, "action_spec_unbatched", base.action_spec)
     low, high = action_bounds(spec, None)
-    limits = [transform for transform in getattr(env, "transform", ()) if isinstance(transform, StepCounter)]
+    observed = list(env.observation_spec.keys())
+    if "observation" not in observed:
+        raise ValueError(f"The environment must write what it observes as 'observation', not {', '.join(observed)}.")
+    limits = [each.max_steps for each in transforms_of(env) if isinstance(each, StepCounter)]
+    limits = [limit for limit in (*limits, getattr(base, "max_steps", None)) if limit]
     return {
         "rewards": vector.names,
         "objectives": vector.objectives,
@@ -40,6 +64,6 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
         "action_low": low.tolist(),
         "action_high": high.tolist(),
         "size": env.observation_spec["observation"].shape[-1],
-        **({"max_steps": limits[0].max_steps} if limits and limits[0].max_steps else {}),
+        **({"max_steps": min(limits)} if limits else {}),
         **getattr(base, "live", {}),
     }

@@ -19,20 +19,20 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.collectors import BaseCollector
 from torchrl.data import ReplayBuffer
-from torchrl.envs import Compose, EnvBase, RewardScaling, SerialEnv, Transform, TransformedEnv
+from torchrl.envs import Compose, EnvBase, RewardScaling, Transform, TransformedEnv
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
 from morlnav.config import Part, as_part, build, setting, supply, takes
 from morlnav.data import PreferenceSampler
-from morlnav.evaluation import Evaluation
+from morlnav.evaluation import Evaluation, eval_env
 from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
 from morlnav.trainers.collectors import make_collector, num_workers, share_of
 from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import StepExploration
-from morlnav.trainers.live import live_objects
+from morlnav.trainers.live import live_objects, side_by_side
 from morlnav.trainers.rollout_state import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
@@ -121,7 +121,7 @@ class Training:
         if several or num_envs in (None, 1):
             env = supply(make, seed=seed)
         else:
-            env = SerialEnv(num_envs, lambda: supply(make, seed=seed))
+            env = side_by_side(lambda: supply(make, seed=seed), num_envs)
         if "seed" not in takes(make):
             env.set_seed(seed)
         return env.to(self.device)
@@ -129,7 +129,7 @@ class Training:
     def make_env(
         self, rewards: Mapping[str, Transform], num_envs: int | None = None, seed: int | None = None, first: int = 0
     ) -> TransformedEnv:
-        """An environment to learn in; after ``eval()`` one to measure in.
+        """An environment to learn in; after :func:`~morlnav.evaluation.eval_env` one to measure in.
 
         Args:
             rewards: learned ones, by the name of their objective.
@@ -137,7 +137,8 @@ class Training:
             seed: of the environment.
             first: number of its first environment among those of all workers.
         """
-        env = TransformedEnv(self.base_env(num_envs, seed), Compose(*map(copy.deepcopy, rewards.values())))
+        learned = Compose(*map(copy.deepcopy, rewards.values()))
+        env = TransformedEnv(self.base_env(num_envs, seed), learned, auto_unwrap=True)  # it may bring transforms along
         live = live_objects(env) | {"seed": self.seed, "offset": first}
         live["sampler"] = supply(self.preferences, **live)
         for part in self.transforms.values():
@@ -160,8 +161,8 @@ class Training:
         """What learns rewards from demonstrations."""
         on_cpu = copy.copy(self)
         on_cpu.device = "cpu"  # its networks are small
-        live = live_objects(on_cpu.make_env({}, num_envs=1).eval()) | {"seed": self.seed}
-        live["make_env"] = lambda **settings: on_cpu.base_env(**settings).eval()
+        live = live_objects(eval_env(on_cpu.make_env({}, num_envs=1))) | {"seed": self.seed}
+        live["make_env"] = lambda **settings: eval_env(on_cpu.base_env(**settings))
         live |= {"cache": self.cache, "progress_bar": setting(self.trainer, "progress_bar")}
         if isinstance(self.env, Part) and isinstance(self.rewards, Part):  # what is paid, and to how many, is no matter
             unrelated = ("objectives", "num_envs", "inflation")
@@ -204,7 +205,8 @@ class Training:
         collector = make_collector(  # last, for an error after it would leave its workers behind
             self.collector, make_env, TensorDictSequential(policy, noise), env=env, seed=self.seed, device=self.device
         )
-        rollout = {} if num_workers(self.collector) else {"rollout": RolloutState(collector)}
+        kept = not num_workers(self.collector) and RolloutState.can_hold(env)
+        rollout = {"rollout": RolloutState(collector)} if kept else {}
         trainer = supply(
             self.trainer,
             collector=collector,
@@ -216,7 +218,7 @@ class Training:
             components={"average": stepper.average, **rollout},
         )
         live |= {"policy": stepper.average.module, "loss": loss, "exploration": noise, "trainer": trainer}
-        live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned)}
+        live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned), "learned": learned}
         StopDivergence().register(trainer)  # before all that looks at what was learned
         for name, part in self.hooks.items():
             supply(part, **live).register(trainer, name)
@@ -305,13 +307,16 @@ class Training:
 
     def _make_exploration(self, live: Mapping[str, Any], batches: int) -> nn.Module:
         space = live["action_spec"].space
-        return supply(
-            self.exploration,
-            **live,
-            spec=live["action_spec"],  # of one environment: workers hold different numbers of them
-            std=((space.high - space.low) / 2).tolist(),
-            annealing_num_steps=batches,
-        )
+        try:
+            return supply(
+                self.exploration,
+                **live,
+                spec=live["action_spec"],  # of one environment: workers hold different numbers of them
+                std=((space.high - space.low) / 2).tolist(),
+                annealing_num_steps=batches,
+            )
+        except RuntimeError as error:  # TorchRL's, where noise would grow
+            raise ValueError(f"exploration: {error}.") from error
 
     def _frames_per_batch(self, env: EnvBase) -> int:
         frames, side_by_side = setting(self.collector, "frames_per_batch"), env.batch_size.numel()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable
+from numbers import Real
 
 import torch
 from tensordict import TensorDictBase
@@ -36,7 +38,7 @@ class DemonstrationReward(Transform):
             of the environment's step.
 
     Raises:
-        ValueError: if ``entry`` is negative, or beyond the vector it meets.
+        ValueError: if ``scale`` or ``offset`` is not finite, or ``entry`` is negative, or beyond the vector it meets.
 
     Examples:
         >>> from torchrl.envs import TransformedEnv
@@ -60,6 +62,9 @@ class DemonstrationReward(Transform):
         reward_key: NestedKey = "reward",
     ) -> None:
         super().__init__()
+        for key, value in {"scale": scale, "offset": offset}.items():
+            if not (isinstance(value, Real) and math.isfinite(value)):
+                raise ValueError(f"DemonstrationReward needs a finite number as {key}, got {value}.")
         if entry < 0:
             raise ValueError(f"entry must not be negative, got {entry}.")
         frozen = isinstance(reward_model, nn.Module)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 from torchrl.data import Bounded
-from torchrl.envs import EnvBase, TransformedEnv
+from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 
 from morlnav.transforms.demonstration_reward import DemonstrationReward
 
@@ -68,7 +68,7 @@ class RewardVector:
                 f"The environment pays {size} rewards, but names {len(names)} and bounds {bounds.shape[-1]}."
             )
         vector = cls(names, getattr(base, "num_static", 0), bounds)
-        for transform in env.transform if isinstance(env, TransformedEnv) else ():
+        for transform in transforms_of(env):
             if isinstance(transform, DemonstrationReward) and transform.insert:
                 vector = vector._with(transform)
         return vector
@@ -78,3 +78,17 @@ class RewardVector:
         names = (*self.names[:entry], transform.name, *self.names[entry:])
         own = torch.tensor(transform.bounds()).unsqueeze(1).to(self.bounds)
         return RewardVector(names, self.num_static, torch.cat([self.bounds[:, :entry], own, self.bounds[:, entry:]], 1))
+
+
+def transforms_of(env: EnvBase) -> list[Transform]:
+    """The transforms of an environment, one by one.
+
+    >>> from morlnav import NavigationEnv
+    >>> from torchrl.envs import StepCounter
+    >>> len(transforms_of(TransformedEnv(NavigationEnv(), StepCounter())))
+    1
+    >>> transforms_of(NavigationEnv())
+    []
+    """
+    transform = env.transform if isinstance(env, TransformedEnv) else Compose()
+    return list(transform) if isinstance(transform, Compose) else [transform]

@@ -1,17 +1,13 @@
-"""``morlnav-benchmark --quick``: ours is really measured, and what is not there is said."""
-
-import sys
+"""``python -m benchmarks --quick``: ours is really measured, and what cannot be is said."""
 
 import pandas as pd
 import pytest
 
-from morlnav import benchmark
+from benchmarks import __main__ as benchmark
 
 
-def test_a_quick_benchmark_measures_ours_and_writes_its_files(tmp_path, monkeypatch, capsys):
-    words = ["morlnav-benchmark", "--quick", "--threads", "2", "--output", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", words)
-    benchmark.main()
+def test_a_quick_benchmark_measures_ours_and_writes_its_files(tmp_path, capsys):
+    benchmark.main(["--quick", "--threads", "2", "--output", str(tmp_path)])
     table = pd.read_csv(tmp_path / "benchmarks.csv")
     cpu = table[table["case"] != "cuda"]
     assert set(cpu["group"]) == set(benchmark.GROUPS)
@@ -24,8 +20,20 @@ def test_a_quick_benchmark_measures_ours_and_writes_its_files(tmp_path, monkeypa
     assert {file.name for file in tmp_path.iterdir()} == {"benchmarks.csv", "benchmarks.md", "benchmarks.png"}
 
 
-def test_an_unknown_group_is_refused_in_one_sentence(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["morlnav-benchmark", "speed"])
-    with pytest.raises(SystemExit):
-        benchmark.main()
-    assert "there is no group speed; choose from: simulation, learner" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["speed"], "There is no group speed; choose from: simulation, learner"),
+        (["--rounds", "0"], "Needed are rounds >= 1, .* got 0"),
+        (["--batches", "64", "0"], "Needed are .* batches >= 1, got .* 64, 0"),
+        (["--seconds", "-1"], "Needed are .* seconds >= 0"),
+        (["--seconds", "nan"], "Needed are .* seconds >= 0"),
+        (["--threads", "0"], "at least one thread"),
+        (["--device", "tpus"], "There is no device tpus"),
+        (["--runs", "nowhere"], "nowhere is not a run directory"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_one_sentence(words, sentence, tmp_path):
+    with pytest.raises(SystemExit, match=sentence):
+        benchmark.main([*words, "--output", str(tmp_path)])
+    assert not list(tmp_path.iterdir())

@@ -7,21 +7,23 @@ import pytest
 import torch
 from torch import nn
 
-from morlnav.benchmarks.learner import random_rows
-from morlnav.benchmarks.limit import update_flops
-from morlnav.benchmarks.minimal_td3 import MinimalTD3
-from morlnav.benchmarks.neighbours import torchrl_td3
-from morlnav.benchmarks.pd_morl import PDMORL
-from morlnav.benchmarks.stacked_td3 import StackedTD3
+from benchmarks.learner import random_rows
+from benchmarks.limit import update_flops
+from benchmarks.peers.libraries import torchrl_td3
+from benchmarks.peers.minimal_td3 import MinimalTD3
+from benchmarks.peers.pd_morl import PDMORL
+from benchmarks.peers.stacked_td3 import StackedTD3
 from morlnav.modules import Actor, VectorCritic
+from morlnav.navigation.modules import NavigationFeatures
 
 LOW, HIGH = torch.tensor([0.0, -3.0]), torch.tensor([0.5, 3.0])
 
 
 def networks(num_preferences, cells=32, depth=2):
     torch.manual_seed(0)
-    actor = Actor(num_preferences, LOW, HIGH, depth=depth, num_cells=cells)
-    return actor, [VectorCritic(4, num_preferences, LOW, HIGH, depth=depth, num_cells=cells) for _ in range(2)]
+    settings = {"features": NavigationFeatures(), "depth": depth, "num_cells": cells}
+    actor = Actor(num_preferences, LOW, HIGH, **settings)
+    return actor, [VectorCritic(4, num_preferences, LOW, HIGH, **settings) for _ in range(2)]
 
 
 def moved(before, module):

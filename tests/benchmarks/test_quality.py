@@ -1,14 +1,12 @@
 """The time at which a run met the quality bar, read from the events that it logged."""
 
 import math
-import shutil
 import time
 
 import pandas as pd
 import pytest
-from omegaconf import OmegaConf
 
-from morlnav.benchmarks import quality
+from benchmarks import quality
 from morlnav.record.loggers import TensorboardCSVLogger
 
 
@@ -16,13 +14,12 @@ def test_a_run_that_learned_nothing_never_met_the_bar(smoke_run):
     assert quality.times_to_bar(smoke_run) == (math.inf, math.inf)
 
 
-def test_the_bar_may_be_met_lost_and_met_for_good(smoke_run, tmp_path):
-    shutil.copy(smoke_run / "config.yaml", tmp_path)
-    demands = quality.bar(OmegaConf.load(smoke_run / "config.yaml"))
+def test_the_bar_may_be_met_lost_and_met_for_good(tmp_path):
+    demands = quality.bar(["train/success", "evaluation/success/distance=0.5,efficiency=0.5"])
     assert set(demands) >= {
-        "success",
-        "min_human_distance/distance=1,efficiency=0",
-        "time_ratio/distance=0,efficiency=1",
+        "evaluation/success",
+        "evaluation/min_human_distance/distance=1,efficiency=0",
+        "evaluation/time_ratio/distance=0,efficiency=1",
     }
     logger, begin = TensorboardCSVLogger("logs", tmp_path), time.time()
     ends = []
@@ -30,7 +27,7 @@ def test_the_bar_may_be_met_lost_and_met_for_good(smoke_run, tmp_path):
         time.sleep(0.05)
         for tag, (low, high) in demands.items():
             within = low + 0.1 if math.isinf(high) else (low + high) / 2
-            logger.log_scalar(f"evaluation/{tag}", within if good or tag != "success" else 0.98, step=step)
+            logger.log_scalar(tag, within if good or tag != "evaluation/success" else 0.98, step=step)
         ends.append(time.time() - begin)
     logger.experiment[1].experiment.flush()
     first, kept = quality.times_to_bar(tmp_path)
@@ -39,20 +36,24 @@ def test_the_bar_may_be_met_lost_and_met_for_good(smoke_run, tmp_path):
     assert kept == pytest.approx(ends[3], abs=0.04)
 
 
+def test_every_style_of_the_run_has_its_demands():
+    demands = quality.bar(["evaluation/frechet/demo=1,distance=0,efficiency=0"])
+    assert demands["evaluation/frechet/demo=1,distance=0,efficiency=0"] == (0, 0.41)
+    assert len(demands) == 8
+
+
 def test_a_missing_metric_meets_nothing():
     values = pd.DataFrame({"success": [1.0, 1.0], "timeout": [0.0, math.nan]})
     assert quality.meets(values, {"success": (0.99, 1), "timeout": (0, 0.005)}).tolist() == [True, False]
 
 
-def test_a_run_without_events_is_reported_as_not_measured(smoke_run, tmp_path):
-    shutil.copy(smoke_run / "config.yaml", tmp_path)
+def test_a_run_without_events_is_reported_as_not_measured(tmp_path):
     (row,) = quality.measure([tmp_path])
     assert row.values == []
     assert "no TensorBoard events" in row.note
 
 
-def test_a_run_that_logged_other_metrics_is_reported_as_not_measured(smoke_run, tmp_path):
-    shutil.copy(smoke_run / "config.yaml", tmp_path)
+def test_a_run_that_logged_other_metrics_is_reported_as_not_measured(tmp_path):
     logger = TensorboardCSVLogger("logs", tmp_path)
     logger.log_scalar("evaluation/success", 1.0, step=0)
     logger.experiment[1].experiment.flush()

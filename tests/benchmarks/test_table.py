@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from morlnav.benchmarks.table import markdown, plot, tabulate, write
-from morlnav.benchmarks.timing import Row
+from benchmarks.table import markdown, tabulate, write
+from benchmarks.timing import Row
 
 OURS = Row("speed", "batch 1", "ours", "1/s", [8.0, 20.0, 10.0], size=1)
 PEER = Row("speed", "batch 1", "peer", "1/s", [4.0, 4.0, 2.0], size=1)
@@ -46,13 +46,3 @@ def test_table_csv_and_plot_are_written(tmp_path):
     assert (tmp_path / "benchmarks.md").read_text(encoding="utf-8") == text
     assert len(pd.read_csv(tmp_path / "benchmarks.csv")) == 5
     assert (tmp_path / "benchmarks.png").stat().st_size > 1000
-
-
-def test_what_grows_has_a_panel_of_its_own():
-    rows = [
-        Row("growth", f"{size} {what}", "ours", "1/s", [1.0, 2.0], size=size)
-        for what in ("seeds", "boxes")
-        for size in (1, 8)
-    ]
-    panels = plot(tabulate(rows)).axes
-    assert [axes.get_xlabel() for axes in panels] == ["seeds", "boxes"]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from morlnav.benchmarks.timing import Contender, Effort, NotAvailable, race
+from benchmarks.timing import Contender, Effort, NotAvailable, race
 
 EFFORT = Effort(rounds=3, seconds=0)
 
@@ -45,6 +45,6 @@ def test_rates_count_the_work_of_a_call():
     import time
 
     contenders = [Contender(str(work), lambda: lambda: time.sleep(0.002), work) for work in (1, 100)]
-    one, hundred = race("g", "c", "naps/s", contenders, Effort(rounds=3, seconds=0.01))
-    assert 100 < min(one.values) <= max(one.values) < 500
-    assert hundred.values[0] / one.values[0] == pytest.approx(100, rel=0.8)
+    one, hundred = race("g", "c", "naps/s", contenders, Effort(rounds=10, seconds=0.01))
+    assert max(one.values) < 500  # a busy machine makes single rounds slower
+    assert max(hundred.values) / max(one.values) == pytest.approx(100, rel=0.8)

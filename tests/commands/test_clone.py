@@ -4,16 +4,18 @@ import sys
 
 import pandas as pd
 import pytest
-from support import configure
+from support import DEMONSTRATED, configure
 
 from morlnav.commands import clone
+from morlnav.runs import make_training
 
 TINY = ["trainer=smoke", "threads=1", "trainer.progress_bar=false"]
 
 
 def test_the_clone_is_measured_under_noise_and_against_the_demonstrator(tmp_path):
-    cfg = configure(f"cache={tmp_path}", "clone.fit.steps=300", "demonstrations.num=30", "clone.actor.num_cells=64")
-    table = clone.study_noise(cfg, episodes=6, levels=(0.0, 1.0))
+    words = ["rewards.clone.fit.steps=300", "rewards.num=30", "rewards.clone.actor.num_cells=64"]
+    training = make_training(configure(DEMONSTRATED, f"cache={tmp_path}", *words))
+    table = clone.Studies(training, episodes=6).noise(levels=(0.0, 1.0))
     assert table["epsilon"].tolist() == [0.0, 1.0]
     assert table["baseline"][0] > table["baseline"][1] + 0.2
     assert (table["demonstrator"] > 0.9).all()  # all of its scenes are free
@@ -21,7 +23,7 @@ def test_the_clone_is_measured_under_noise_and_against_the_demonstrator(tmp_path
 
 
 def test_one_command_makes_the_figure_over_the_number_of_demonstrations(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(clone.study_number, "__defaults__", (20, (1, 4)))
+    monkeypatch.setattr(clone.Studies.number, "__defaults__", ((1, 4),))
     words = ["morlnav-clone", "number", *TINY, "--episodes", "2", f"cache={tmp_path / 'cache'}"]
     monkeypatch.setattr(sys, "argv", [*words, "--output", str(tmp_path / "out")])
     clone.main()
@@ -30,7 +32,15 @@ def test_one_command_makes_the_figure_over_the_number_of_demonstrations(tmp_path
     assert "Table and figure are in" in capsys.readouterr().out
 
 
-def test_a_wrong_override_ends_in_one_sentence(monkeypatch):
-    monkeypatch.setattr(sys, "argv", ["morlnav-clone", "noise", "clone.nonsense=1"])
-    with pytest.raises(SystemExit, match=r"There is no nonsense in clone"):
+@pytest.mark.parametrize(
+    ("word", "sentence"),
+    [
+        ("rewards.clone.nonsense=1", r"There is no nonsense in rewards\.clone"),
+        ("+rewards.clone.nonsense=1", r"rewards\.clone\.nonsense is no argument of morlnav\.trainers\.Cloning"),
+        ("objectives=[baseline,distance]", "nobody can be asked here"),
+    ],
+)
+def test_a_wrong_word_ends_in_one_sentence(word, sentence, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["morlnav-clone", "noise", word])
+    with pytest.raises(SystemExit, match=sentence):
         clone.main()

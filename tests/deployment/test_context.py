@@ -12,6 +12,7 @@ from morlnav.commands.evaluate import evaluate_route, parse_stop
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.deployment.policy import Policy
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes
+from morlnav.runs import Run
 
 OBJECTIVES = ("distance", "efficiency")
 ROOMS = {"kitchen": torch.tensor([1.0, 0.0]), "corridor": torch.tensor([0.0, 1.0])}
@@ -40,7 +41,7 @@ def test_weights_are_normalised_and_missing_ones_are_zero(tmp_path):
         ("hall: {distance: true}", "gives distance the weight True"),
         ("hall: {distance: .inf}", "gives distance the weight inf"),
         ("hall: {distance: 0}", "needs a weight above 0"),
-        ("hall: 3", "must map objectives to weights"),
+        ("hall: 3", "must map rooms to weights"),
         ("- hall", "must map rooms to weights"),
         ("", "must map rooms to weights"),
         ("hall: {", "not readable as YAML"),
@@ -49,6 +50,31 @@ def test_weights_are_normalised_and_missing_ones_are_zero(tmp_path):
 def test_mistakes_in_the_file_are_named(tmp_path, text, sentence):
     with pytest.raises(ValueError, match=sentence):
         load_contexts(write(tmp_path, text), OBJECTIVES)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "hunter2",
+        "root:hunter2:0:0",
+        "password: hunter2",
+        "password: {distance: hunter2}",
+        "hall: {distance: '${oc.env:SECRET}'}",
+        "hall: {distance: [hunter2]}",
+        "hall: [hunter2",
+        "hall: {distance: 1}\n\thunter2",
+        "${hunter2",
+        "!!python/object/apply:os.system [hunter2]",
+        "hall: *hunter2",
+        "- hunter2",
+        "2",
+    ],
+)
+def test_a_foreign_file_is_refused_without_its_content(tmp_path, monkeypatch, text):
+    monkeypatch.setenv("SECRET", "hunter2")
+    with pytest.raises(ValueError, match=r"rooms\.yaml") as error:
+        load_contexts(write(tmp_path, text), OBJECTIVES)
+    assert "hunter2" not in str(error.value)
 
 
 def test_a_missing_file_is_named(tmp_path):
@@ -112,9 +138,10 @@ def test_a_constant_schedule_is_a_fixed_preference(smoke_run):
 
 def test_a_route_is_evaluated_beside_its_rooms(smoke_run, tmp_path):
     file = write(tmp_path, "kitchen: {distance: 1}\ncorridor: {efficiency: 1}")
-    table = evaluate_route(smoke_run, file, {0: "corridor", 4: "kitchen"}, tmp_path, episodes=2)
-    assert "| corridor from 0 s, kitchen from 4 s |" in table
-    assert pd.read_csv(tmp_path / "rooms.csv")["room"].tolist()[:2] == ["kitchen", "corridor"]
+    run = Run(smoke_run, changes={"episodes": 2})
+    rooms = pd.read_csv(evaluate_route(run, file, {0: "corridor", 4: "kitchen"}, tmp_path))
+    assert rooms["room"].tolist() == ["kitchen", "corridor", "corridor from 0 s, kitchen from 4 s"]
+    assert rooms["episodes"].tolist() == [2, 2, 2]
 
 
 @pytest.mark.parametrize("word", ["kitchen", "kitchen:6", "6:", ":kitchen"])

@@ -7,9 +7,8 @@ import pytest
 import torch
 
 from morlnav.evaluation import front as module
-from morlnav.evaluation import hypervolume, read_reference, reference_from_bounds
+from morlnav.evaluation import front_table, hypervolume, read_reference, reference_from_bounds
 from morlnav.evaluation.front import describe_front
-from morlnav.navigation.evaluation import front_table
 from morlnav.objectives import LinearScalarisation
 
 NAMES = ["cost", "speed", "comfort"]

@@ -3,7 +3,7 @@ import time
 import pytest
 import torch
 
-from morlnav.evaluation import expected_utility, hypervolume, pareto_mask
+from morlnav.evaluation import expected_utility, hypervolume, pareto_mask, utility
 from morlnav.objectives import LinearScalarisation
 
 

@@ -20,7 +20,7 @@ def _seeded():
 
 @pytest.fixture
 def interpolator():
-    return PreferenceInterpolator(2, preferences=CORNERS, values=VALUES)
+    return PreferenceInterpolator(2, preferences=CORNERS, values=VALUES, decay=1.0)
 
 
 def test_keys_may_be_whole_numbers():
@@ -47,7 +47,7 @@ def test_it_agrees_with_scipy(n, num_static, steps, dtype, tolerance):
 
 def test_at_a_key_it_returns_the_direction_of_the_keys_value():
     keys = simplex_grid(3, 10)
-    interpolator = PreferenceInterpolator(3, values=best_value(keys))
+    interpolator = PreferenceInterpolator(3, steps=10, values=best_value(keys))
     torch.testing.assert_close(interpolator(keys), normalize(best_value(keys), dim=-1), atol=1e-4, rtol=0)
 
 
@@ -73,14 +73,17 @@ def test_keys_may_be_ranked_by_the_weights_of_the_learner():
 def test_directions_are_unit_vectors_for_any_batch(shape):
     preference = torch.rand(shape)
     preference = preference / preference.sum(-1, keepdim=True)
-    for interpolator in (PreferenceInterpolator(3), PreferenceInterpolator(3, values=torch.randn(66, 4))):
+    for interpolator in (
+        PreferenceInterpolator(3, steps=10),
+        PreferenceInterpolator(3, steps=10, values=torch.randn(66, 4)),
+    ):
         direction = interpolator(preference)
         assert direction.shape == (*shape[:-1], 4)
         torch.testing.assert_close(direction.norm(dim=-1), torch.ones(shape[:-1]))
 
 
 def test_before_the_first_update_the_direction_is_that_of_the_weights():
-    interpolator = PreferenceInterpolator(3)
+    interpolator = PreferenceInterpolator(3, steps=10)
     preference = UniformPreferences(3)(5)
     assert not interpolator.ready
     weights = torch.cat([torch.ones(5, 1), preference], -1)
@@ -95,7 +98,7 @@ def test_the_first_update_makes_it_ready_even_with_returns_below_the_start():
 
 
 def test_a_few_evaluations_give_every_key_the_one_that_is_best_for_it():
-    interpolator = PreferenceInterpolator(3)
+    interpolator = PreferenceInterpolator(3, steps=10)
     edges = preference_edges(3, 1)
     interpolator.update(edges, best_value(edges))
     weights = torch.cat([torch.ones(66, 1), interpolator.preferences], -1)
@@ -104,7 +107,7 @@ def test_a_few_evaluations_give_every_key_the_one_that_is_best_for_it():
 
 
 def test_evaluating_every_key_recovers_the_front():
-    interpolator = PreferenceInterpolator(3)
+    interpolator = PreferenceInterpolator(3, steps=10)
     keys = interpolator.preferences
     interpolator.update(keys, best_value(keys))
     torch.testing.assert_close(interpolator.values, best_value(keys))
@@ -143,7 +146,7 @@ def test_with_decay_a_lucky_evaluation_is_forgotten():
 
 def test_every_key_of_the_grid_decays_when_it_is_measured_again():
     keys = simplex_grid(3, 10)
-    interpolator = PreferenceInterpolator(3, values=best_value(keys), decay=0.5)
+    interpolator = PreferenceInterpolator(3, steps=10, values=best_value(keys), decay=0.5)
     interpolator.update(keys, best_value(keys) - 4)
     torch.testing.assert_close(interpolator.values, best_value(keys) - 2)
 

@@ -10,15 +10,15 @@ from torch import nn
 from torchrl.envs import Compose, StepCounter, TransformedEnv
 
 from morlnav.data import UniformPreferences, roll_out_ranked
+from morlnav.evaluation import Evaluation
 from morlnav.modules import EpsilonGreedyNoise, PreferenceInterpolator, VectorCritic
 from morlnav.modules.mode import eval_mode
 from morlnav.navigation.demonstrations import record_demonstrations
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes
 from morlnav.navigation.world import SceneSampler
-from morlnav.objectives import BehaviourCloningLoss, MORLTD3Loss
-from morlnav.trainers import FitInterpolator
-from morlnav.trainers.supervised import fit
+from morlnav.objectives import AngleTerm, BehaviourCloningLoss, MORLTD3Loss
+from morlnav.trainers import Fit, FitInterpolator
 from morlnav.transforms import DrawPreference
 
 LOW, HIGH = torch.tensor([0.0, -torch.pi]), torch.tensor([0.5, torch.pi])
@@ -89,28 +89,28 @@ def aside(scene):
 
 
 def test_values_of_the_interpolators_keys(driver, twin):
+    def make_env(num_envs):
+        env = NavigationEnv(num_envs=num_envs, seed=0)
+        return TransformedEnv(env, Compose(StepCounter(10), DrawPreference(UniformPreferences(2))))
+
+    bare = NavigationEnv()
+    spaces = {"rewards": tuple(bare.rewards), "num_objectives": 2, "reward_bounds": bare.reward_bounds}
+    evaluation = Evaluation(make_env=make_env, max_steps=10, **spaces)
+
     def values(policy):
         actor = TensorDictModule(policy, ["observation", "preference"], ["action"])
-        critic = VectorCritic(3, 2, LOW, HIGH, depth=1)
+        critic = VectorCritic(3, 2, LOW, HIGH, features=34, depth=1)
         critic = TensorDictModule(critic, ["observation", "preference", "action"], ["state_action_value"])
-        loss = MORLTD3Loss(actor, critic, bounds=(LOW, HIGH), interpolator=PreferenceInterpolator(2, steps=1))
+        interpolator = PreferenceInterpolator(2, steps=1)
+        loss = MORLTD3Loss(actor, critic, bounds=(LOW, HIGH), terms={"angle": AngleTerm(interpolator=interpolator)})
         loss.make_value_estimator(gamma=0.9)
-        env = NavigationEnv(num_envs=4, seed=0)
-        hook = FitInterpolator(
-            TransformedEnv(env, Compose(StepCounter(10), DrawPreference(UniformPreferences(2)))), 100, max_steps=10
-        )
-        hook.register(
-            SimpleNamespace(
-                loss_module=loss,
-                collected_frames=100,
-                _log=lambda **_: None,
-                register_op=lambda *_: None,
-                register_module=lambda *_: None,
-            )
-        )
+        hook = FitInterpolator(100, episodes=4, evaluation=evaluation, policy=policy)
+        trainer = {"loss_module": loss, "collected_frames": 100, "logger": None}
+        nothing = {"register_op": lambda *_: None, "register_module": lambda *_: None}
+        hook.register(SimpleNamespace(**trainer, **nothing))
         hook()
-        assert loss.actor_network.module.layer.training == policy.layer.training
-        return loss.interpolator.values
+        assert interpolator.ready
+        return interpolator.values
 
     assert torch.equal(values(driver), values(twin))
 
@@ -120,7 +120,7 @@ def test_a_held_out_loss(driver):
     driver.layer.register_forward_hook(lambda layer, inputs, _: seen.append((len(inputs[0]), layer.training)))
     rows = TensorDict(observation=torch.rand(20, 34), action=torch.rand(20, 2), batch_size=[20])
     loss = BehaviourCloningLoss(TensorDictModule(driver, ["observation"], ["action"]), bounds=(LOW, HIGH))
-    fit(loss, lambda: rows[:16], rows[16:], steps=2, interval=1, progress_bar=False)
+    Fit(steps=2, interval=1)(loss, lambda: rows[:16], rows[16:])
     assert set(seen) == {(16, True), (4, False)}
 
 

@@ -6,7 +6,7 @@ from torch import nn
 from morlnav.modules import Actor, VectorCritic, round_products
 from morlnav.modules.networks import StackableLinear
 
-BOUNDS = {"action_low": [0.0, -3.0], "action_high": [0.5, 3.0]}
+SIZES = {"action_low": [0.0, -3.0], "action_high": [0.5, 3.0], "features": 34}
 INPUTS = torch.rand(7, 34), torch.rand(7, 2), torch.rand(7, 2)
 
 
@@ -17,14 +17,14 @@ def stacked(critics):
 
 @pytest.mark.parametrize("shape", [{"depth": -1}, {"num_cells": 0}])
 def test_impossible_networks_are_refused(shape):
-    for make in (lambda: Actor(2, **BOUNDS, **shape), lambda: VectorCritic(3, 2, **BOUNDS, **shape)):
+    for make in (lambda: Actor(2, **SIZES, **shape), lambda: VectorCritic(3, 2, **SIZES, **shape)):
         with pytest.raises(ValueError, match="depth >= 0 and num_cells >= 1"):
             make()
 
 
 @pytest.mark.parametrize("dtype", [None, torch.bfloat16])
 def test_a_stack_of_critics_is_each_critic_alone(dtype):
-    critics = [VectorCritic(3, 2, **BOUNDS, num_cells=32) for _ in range(3)]
+    critics = [VectorCritic(3, 2, **SIZES, num_cells=32) for _ in range(3)]
     for critic in critics:
         round_products(critic, dtype)
     values = torch.func.functional_call(critics[0], stacked(critics), INPUTS)
@@ -33,7 +33,7 @@ def test_a_stack_of_critics_is_each_critic_alone(dtype):
 
 
 def test_only_hidden_products_are_rounded():
-    critic = VectorCritic(3, 2, **BOUNDS, depth=3)
+    critic = VectorCritic(3, 2, **SIZES, depth=3)
     exact = critic(*INPUTS)
     round_products(critic, torch.bfloat16)
     layers = [layer for layer in critic.mlp if isinstance(layer, nn.Linear)]
@@ -45,7 +45,7 @@ def test_only_hidden_products_are_rounded():
 
 
 def test_rounded_products_give_nearly_the_same_gradients_in_full_precision():
-    actor = Actor(2, **BOUNDS)
+    actor = Actor(2, **SIZES)
     gradients = []
     for dtype in (None, torch.bfloat16):
         round_products(actor, dtype)
@@ -56,7 +56,7 @@ def test_rounded_products_give_nearly_the_same_gradients_in_full_precision():
 
 
 def test_the_learner_rounds_but_the_policy_that_drives_and_is_kept_does_not(tmp_path):
-    trainer = trainer_for(configure("trainer.products=bfloat16"), tmp_path)
+    trainer = trainer_for(configure("products=bfloat16"), tmp_path)
     loss = trainer.loss_module
 
     def dtypes(module):
@@ -68,5 +68,5 @@ def test_the_learner_rounds_but_the_policy_that_drives_and_is_kept_does_not(tmp_
 
 
 def test_an_unknown_type_of_products_is_refused_in_one_sentence(tmp_path):
-    with pytest.raises(ValueError, match=r"trainer.products must be one of auto, float32, bfloat16, got int8\."):
-        trainer_for(configure("trainer.products=int8"), tmp_path)
+    with pytest.raises(ValueError, match=r"products must be one of auto, float32, bfloat16, got 'int8'\."):
+        trainer_for(configure("products=int8"), tmp_path)

@@ -10,7 +10,7 @@ from torch import nn
 from torchrl.data import Bounded, Unbounded
 
 from morlnav.modules import Actor, EpsilonGreedyNoise, RewardModel, VectorCritic
-from morlnav.objectives import BehaviourCloningLoss
+from morlnav.objectives import BehaviourCloningLoss, ReturnBounds
 from morlnav.objectives.bounds import action_bounds
 
 
@@ -18,7 +18,7 @@ def test_targets_stay_within_what_rewards_can_add_up_to():
     batch = make_batch()
     batch["next", "reward"].clamp_(-0.1, 0.1)
     free, bounded = (
-        make_loss(reward_bounds=bounds).value_loss(batch)[1]["target_value"]
+        make_loss(return_bounds=bounds and ReturnBounds(bounds)).value_loss(batch)[1]["target_value"]
         for bounds in (None, ([-0.01, -0.1, 0.01], [0.0, 0.1, math.inf]))
     )
     low, high = torch.tensor([-0.1, -1.0, 0.0]), torch.tensor([0.0, 1.0, math.inf])  # γ = 0.9: ten steps' worth
@@ -27,7 +27,7 @@ def test_targets_stay_within_what_rewards_can_add_up_to():
 
 
 def test_without_a_discount_only_the_signs_of_rewards_bound_their_sum():
-    loss, batch = make_loss(reward_bounds=(-1.0, 0.0)), make_batch()
+    loss, batch = make_loss(return_bounds=ReturnBounds((-1.0, 0.0))), make_batch()
     loss.value_estimator.gamma.fill_(1.0)
     with torch.no_grad():
         loss.target_qvalue_network_params.apply_(lambda parameter: parameter.mul_(100))
@@ -35,6 +35,11 @@ def test_without_a_discount_only_the_signs_of_rewards_bound_their_sum():
     target = loss.value_loss(batch)[1]["target_value"]
     assert target.max() == 0
     assert target.min() < -100
+
+
+def test_a_least_reward_above_the_largest_is_refused():
+    with pytest.raises(ValueError, match=r"reward_bounds must be \(low, high\) with low <= high"):
+        ReturnBounds((1.0, 0.0))
 
 
 def test_the_bounds_of_a_batched_spec_are_those_of_one_action():
@@ -67,9 +72,9 @@ ENTRANCES = {
     "the clone's loss": lambda low, high: BehaviourCloningLoss(
         TensorDictModule(nn.Linear(2, 2), ["observation"], ["action"]), bounds=(low, high)
     ),
-    "the actor": lambda low, high: Actor(2, low, high),
-    "the critic": lambda low, high: VectorCritic(3, 2, low, high),
-    "the reward model": lambda low, high: RewardModel(low, high),
+    "the actor": lambda low, high: Actor(2, low, high, features=3),
+    "the critic": lambda low, high: VectorCritic(3, 2, low, high, features=3),
+    "the reward model": lambda low, high: RewardModel(["observation"], low, high, features=3),
     "the noise": lambda low, high: EpsilonGreedyNoise(0.5, low, high),
 }
 

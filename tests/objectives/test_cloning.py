@@ -57,7 +57,7 @@ def test_gradients_reach_the_actor_and_metadata_carries_none():
 
 def test_an_actor_without_preferences_learns_a_simple_driver():
     torch.manual_seed(0)
-    actor = Actor(0, LOW, HIGH, depth=2, num_cells=64)
+    actor = Actor(0, LOW, HIGH, 34, depth=2, num_cells=64)
     loss = loss_of(actor)
     optimizer = torch.optim.Adam(loss.parameters(), 3e-3)
     observation = torch.rand(256, 34) * 2
@@ -90,7 +90,7 @@ def test_keys_masks_reduction_and_specs_can_be_chosen():
 @pytest.mark.parametrize("padding", [1e6, torch.nan, torch.inf])
 def test_padding_changes_neither_loss_nor_gradient(padding):
     torch.manual_seed(0)
-    actor = Actor(0, LOW, HIGH, depth=1, num_cells=8)
+    actor = Actor(0, LOW, HIGH, 34, depth=1, num_cells=8)
     loss = BehaviourCloningLoss(TensorDictModule(actor, ["observation"], ["action"]), bounds=(LOW, HIGH))
     loss.set_keys(pad_mask="padded")
     padded = torch.arange(5) > torch.tensor([[2], [4], [1]])

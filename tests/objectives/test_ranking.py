@@ -122,7 +122,7 @@ def test_members_learn_from_snippets_of_their_own():
 
 
 def test_state_only_and_state_action_members_train_together_and_find_the_reward():
-    small = {"depth": 1, "num_cells": 32}
+    small = {"action_low": [0.0, -3.14], "action_high": [0.5, 3.14], "features": 34, "depth": 1, "num_cells": 32}
     models = [RewardModel(("observation",), **small), RewardModel(("observation", "action"), **small)]
     loss = RankingLoss([network(models[0]), network(models[1], ("observation", "action"))])
     assert len(list(loss.parameters())) == sum(len(list(model.parameters())) for model in models)

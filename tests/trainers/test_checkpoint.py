@@ -230,7 +230,7 @@ def test_a_checkpoint_that_is_listed_but_not_torchrls_is_refused(checkpoints):
 def test_only_the_rows_that_the_replay_holds_are_written(smoke_run):
     checkpoint = find_checkpoints(smoke_run)[-1]
     storage = next(checkpoint.glob("components/*-replay_buffer/storage"))
-    frames, capacity = 512, configure().replay.capacity
+    frames, capacity = 512, configure().replay.storage.max_size
     assert frames < capacity
     assert (storage / "action.memmap").stat().st_size == frames * 2 * 4  # bytes
     assert (storage / "next" / "terminated.memmap").stat().st_size == frames
@@ -238,8 +238,10 @@ def test_only_the_rows_that_the_replay_holds_are_written(smoke_run):
 
 
 def test_a_smaller_replay_than_the_checkpoints_is_refused(checkpoints, tmp_path):
-    trainer = trainer_for(configure("replay.capacity=256"), tmp_path / "resumed")
-    with pytest.raises(CheckpointError, match=r"holds 512 transitions; expected a replay\.capacity of at least"):
+    trainer = trainer_for(configure("replay.storage.max_size=256"), tmp_path / "resumed")
+    with pytest.raises(
+        CheckpointError, match=r"holds 512 transitions; expected a replay\.storage\.max_size of at least"
+    ):
         load_checkpoint(trainer, checkpoints[1])
 
 

@@ -2,13 +2,15 @@
 
 import os
 import signal
+from functools import partial
 
 import pytest
 import torch
 from support import ANALYTICAL, SMALL, configure, trainer_for
 
 from morlnav.commands.train import run
-from morlnav.trainers.experiment import _make_workers_env
+from morlnav.runs import make_training
+from morlnav.trainers.collectors import _make_workers_env
 from morlnav.trainers.workers import watched
 
 FATAL = """
@@ -25,7 +27,7 @@ class Fatal:
 
 
 def test_workers_act_with_the_learners_weights_until_one_dies(tmp_path):
-    quiet = ["trainer.exploration.sigma_init=0", "trainer.exploration.sigma_end=0", "trainer.random_frames=0"]
+    quiet = ["exploration.sigma_init=0", "exploration.sigma_end=0", "collector.init_random_frames=0"]
     trainer = trainer_for(configure("collector=processes", "trainer.total_frames=9600", *quiet), tmp_path)
     actor, apart = trainer.optimization_stepper.actor, []
 
@@ -70,7 +72,7 @@ def test_an_error_of_the_learner_ends_the_workers(tmp_path):
 
 def test_a_worker_that_dies_at_its_start_ends_the_command_with_a_clear_message(train_command, tmp_path, capfd):
     (tmp_path / "fatal.py").write_text(FATAL)
-    words = ["+objectives.fatal._target_=fatal.Fatal", "collector=processes", "collector.num_collectors=1"]
+    words = ["+env.objectives.fatal._target_=fatal.Fatal", "collector=processes", "collector.num_collectors=1"]
     with pytest.raises(SystemExit, match="A collecting process died at its start"):
         train_command(*SMALL, ANALYTICAL, *words)
     assert "Traceback" not in capfd.readouterr().err
@@ -82,7 +84,10 @@ def test_environments_must_divide_among_workers(tmp_path):
 
 
 def test_the_workers_segments_are_the_whole_preference_space():
-    cfg = configure("collector=processes", "env.num_envs=4", "preferences=segments")
-    envs = [_make_workers_env(cfg, share=2, worker=worker) for worker in range(2)]
+    training = make_training(
+        configure("collector=processes", "env.num_envs=4", "preferences=segments", "preferences.segments=4")
+    )
+    make_env = partial(training.make_env, {})
+    envs = [_make_workers_env(make_env, share=2, worker=worker, seed=worker) for worker in range(2)]
     first = torch.cat([env.reset()["preference"][:, 0] for env in envs])
     assert (first * 4).long().sort().values.tolist() == [0, 1, 2, 3]

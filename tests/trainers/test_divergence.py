@@ -6,12 +6,12 @@ from support import configure, trainer_for
 from torchrl.checkpoint import CheckpointRotation
 
 import morlnav
-from morlnav import policy as policies
-from morlnav.export import export_policy
-from morlnav.modules import RewardModel, load_reward, save_reward
-from morlnav.train import run
+from morlnav import deployment
+from morlnav.commands.train import run
+from morlnav.deployment.export import export_policy
+from morlnav.modules import RewardModel, load_module, save_module
 
-DIVERGING = "trainer.optimizer_critic.lr=1e30"
+DIVERGING = "stepper.optimizer_critic.lr=1e30"
 
 
 @pytest.fixture
@@ -29,15 +29,15 @@ def test_divergence_is_named_before_the_evaluation(tmp_path):
 
 
 def test_the_last_checkpoint_is_named_and_resumes(tmp_path):
-    cfg = configure("trainer.checkpoint.interval=1")
+    cfg = configure("trainer.checkpoint_interval=1")
     trainer = trainer_for(cfg, tmp_path)
 
     def ruin():
-        if trainer.collected_frames > 3 * cfg.trainer.frames_per_batch:
+        if trainer.collected_frames > 3 * cfg.collector.frames_per_batch:
             next(trainer.loss_module.actor_network_params.parameters()).data.fill_(torch.inf)
 
     trainer.register_op("post_optim", ruin)
-    with pytest.raises(ValueError, match=r"the actor's weights .* lower trainer\.optimizer_actor\.lr") as error:
+    with pytest.raises(ValueError, match=r"the actor's weights .* lower stepper\.optimizer_actor\.lr") as error:
         trainer.train()
     trainer.collector.shutdown()
     latest = CheckpointRotation(tmp_path / "checkpoints", keep_last=1).latest()
@@ -50,23 +50,23 @@ def test_the_last_checkpoint_is_named_and_resumes(tmp_path):
 
 def test_a_ruined_policy_is_neither_saved_nor_loaded_nor_exported(ruined, smoke_run, tmp_path):
     with pytest.raises(ValueError, match=r"its mlp\.0\.weight is not finite"):
-        policies.save(ruined.actor, tmp_path)
+        deployment.save(ruined.actor, ruined.objectives, tmp_path)
     with pytest.raises(ValueError, match=r"its actor\.mlp\.0\.weight is not finite"):
         export_policy(ruined, tmp_path / "export", ("pt2",))
     assert not list(tmp_path.iterdir())
-    (tmp_path / "config.yaml").write_bytes((smoke_run / "config.yaml").read_bytes())
+    (tmp_path / "policy.json").write_bytes((smoke_run / "policy.json").read_bytes())
     torch.save(ruined.actor.state_dict(), tmp_path / "policy.pt")
     with pytest.raises(ValueError, match=r"policy\.pt cannot be used: its mlp\.0\.weight is not finite"):
         morlnav.load(tmp_path)
 
 
 def test_a_ruined_reward_is_neither_saved_nor_loaded(tmp_path):
-    model, path = RewardModel(depth=1), tmp_path / "reward.pt"
-    save_reward(model, path)
+    model, path = RewardModel(["observation"], [-1.0], [1.0], features=3, depth=1), tmp_path / "reward.pt"
+    save_module(model, path)
     torch.nn.init.constant_(model.mlp[0].bias, torch.nan)
-    with pytest.raises(ValueError, match=r"This reward cannot be used: its mlp\.0\.bias is not finite"):
-        save_reward(model, path)
-    load_reward(path)
+    with pytest.raises(ValueError, match=r"reward\.pt cannot be used: its mlp\.0\.bias is not finite"):
+        save_module(model, path)
+    load_module(path)
     torch.save(model.state_dict(), path)
     with pytest.raises(ValueError, match=r"reward\.pt cannot be used: its mlp\.0\.bias is not finite"):
-        load_reward(path)
+        load_module(path)

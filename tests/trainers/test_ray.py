@@ -14,7 +14,7 @@ from support import configure, trainer_for
 from morlnav.commands.train import run
 
 ray = pytest.importorskip("ray")
-QUIET = ("trainer.exploration.sigma_init=0", "trainer.exploration.sigma_end=0", "trainer.random_frames=0")
+QUIET = ("exploration.sigma_init=0", "exploration.sigma_end=0", "collector.init_random_frames=0")
 
 
 def test_a_run_of_asynchronous_workers_starts_a_cluster_and_stops_it(tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 
 from morlnav.objectives import BehaviourCloningLoss
-from morlnav.trainers.supervised import fit
+from morlnav.trainers import Fit
 
 BOUNDS = (-torch.ones(1), torch.ones(1))
 
@@ -23,7 +23,8 @@ def make_loss() -> tuple[nn.Module, BehaviourCloningLoss]:
 def test_it_learns_a_linear_policy():
     torch.manual_seed(0)
     network, loss = make_loss()
-    scores = fit(loss, lambda: regression(64), regression(64), steps=400, lr=0.05, weight_decay=0.0, progress_bar=False)
+    fit = Fit(steps=400, lr=0.05, weight_decay=0.0)
+    scores = fit(loss, lambda: regression(64), regression(64))
     assert scores["loss_bc"] < 1e-5
     torch.testing.assert_close(network.weight.item(), 0.5, atol=0.02, rtol=0)
 
@@ -39,23 +40,33 @@ def test_the_best_weights_are_kept_and_it_stops_early():
         return data.set("action", data["action"] + 10)
 
     before = loss(held_out := regression(64))["loss_bc"].item()
-    scores = fit(loss, misleading, held_out, steps=500, interval=1, patience=3, progress_bar=False)
+    scores = Fit(steps=500, interval=1, patience=3)(loss, misleading, held_out)
     assert len(calls) < 500
     assert loss(held_out)["loss_bc"].item() == pytest.approx(scores["loss_bc"])
     assert scores["loss_bc"] >= before or network.bias.item() != 0
 
 
-def test_no_steps_are_refused():
-    with pytest.raises(ValueError, match="at least one step"):
-        fit(make_loss()[1], lambda: regression(4), regression(4), steps=0)
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"steps": 0}, "steps must be at least 1, got 0"),
+        ({"steps": 1, "interval": 0}, "interval must be at least 1, got 0"),
+        ({"steps": 1, "patience": 0}, "patience must be at least 1, got 0"),
+        ({"steps": 1, "lr": 0.0}, "lr must be positive"),
+        ({"steps": 1, "weight_decay": -0.1}, "weight_decay not negative"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(settings, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        Fit(**settings)
 
 
 def test_nothing_held_out_is_refused():
     with pytest.raises(ValueError, match="no held-out data"):
-        fit(make_loss()[1], lambda: regression(4), regression(0), steps=1, progress_bar=False)
+        Fit(steps=1)(make_loss()[1], lambda: regression(4), regression(0))
 
 
 def test_a_loss_that_is_no_number_is_named_at_once():
     broken = regression(4).apply(lambda tensor: tensor * torch.nan)
     with pytest.raises(ValueError, match="fit diverged: its held-out loss is nan after 1 steps"):
-        fit(make_loss()[1], lambda: regression(4), broken, steps=50, interval=1, progress_bar=False)
+        Fit(steps=50, interval=1)(make_loss()[1], lambda: regression(4), broken)

@@ -2,17 +2,19 @@
 
 import pytest
 import torch
-from hydra.utils import instantiate
-from omegaconf import OmegaConf
 from tensordict import TensorDict
 from torch import nn
 from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, TensorDictReplayBuffer
 from torchrl.envs import Compose, RewardSum, SerialEnv, StepCounter, TransformedEnv, check_env_specs
 
-from morlnav.modules import RewardModel, save_reward
-from morlnav.navigation.envs import DemonstrationObjective, Efficiency, NavigationEnv, default_objectives
-from morlnav.transforms import DemonstrationReward
+from morlnav.config import build
+from morlnav.modules import RewardModel, save_module
+from morlnav.navigation.envs import NavigationEnv
+from morlnav.navigation.evaluation import reward_terms
+from morlnav.transforms import DemonstrationReward, RewardVector
+
+SIZES = {"action_low": [0.0, -3.14], "action_high": [0.5, 3.14], "features": 34}
 
 
 class Slow(nn.Module):
@@ -72,7 +74,9 @@ def test_the_entry_stands_where_it_is_told(entry, insert, shape):
 
 def test_the_default_offset_only_punishes_and_the_printed_one_only_pays():
     for offset, low in ((-1.0, -10.0), (1.0, 10.0)):
-        rollout = make_env(DemonstrationReward(RewardModel(), offset=offset)).rollout(4)
+        rollout = make_env(DemonstrationReward(RewardModel(("observation", "action"), **SIZES), offset=offset)).rollout(
+            4
+        )
         entry = rollout["next", "reward"][..., 1]
         assert ((entry >= low) & (entry <= low + 10)).all()
 
@@ -97,32 +101,48 @@ def test_environment_and_buffer_agree():
     torch.testing.assert_close(rewarded["next", "reward"], rollout["next", "reward"])
 
 
-def test_the_objective_and_the_transform_agree():
-    terms = default_objectives()
-    names = {"baseline": terms["baseline"], "demo": DemonstrationObjective(Slow().eval()), **terms}
-    env = NavigationEnv(objectives=names, num_envs=3, seed=0)
-    assert env.objectives == ("demo", "distance", "efficiency")
+def test_it_tells_an_environment_without_transforms_what_it_pays():
+    transformed = make_env(DemonstrationReward(Slow()))
+    env = NavigationEnv(objectives=reward_terms(transformed), num_envs=3, seed=0)
+    assert env.objectives == RewardVector.of(transformed).objectives == ("demo", "distance", "efficiency")
+    torch.testing.assert_close(env.reward_bounds, RewardVector.of(transformed).bounds)
     check_env_specs(env)
     rollout = env.rollout(5)
     torch.testing.assert_close(rollout["next", "reward"][..., 1], expected(rollout))
     assert not rollout["next", "reward"].requires_grad
 
 
-def test_the_objective_can_hide_the_human():
-    objective = DemonstrationObjective(lambda observation, action: observation.shape[-1] + action[:, 0] * 0, 1.0, 0.0)
-    blind = DemonstrationObjective(objective.reward, 1.0, 0.0, observe_human=False)
-    env = NavigationEnv(objectives={"demo": objective, "blind": blind}, num_envs=2)
-    assert env.rollout(1)["next", "reward"].tolist() == [[[34, 32]]] * 2
+def test_written_over_an_entry_it_pays_in_its_place():
+    transformed = make_env(DemonstrationReward(Slow(), entry=2, insert=False))
+    env = NavigationEnv(objectives=reward_terms(transformed), num_envs=3, seed=0)
+    assert env.objectives == ("distance", "efficiency")
+    rollout = env.rollout(5)
+    torch.testing.assert_close(rollout["next", "reward"][..., 2], expected(rollout))
 
 
-def test_the_objective_is_built_from_a_config(tmp_path):
-    save_reward(RewardModel(("observation",), depth=1, num_cells=8), tmp_path / "reward.pt")
-    reward = {"_target_": "morlnav.modules.load_reward", "path": str(tmp_path / "reward.pt")}
-    config = OmegaConf.create(
-        {"_target_": "morlnav.navigation.envs.DemonstrationObjective", "reward": reward, "offset": 1.0}
-    )
-    env = NavigationEnv(objectives={"demo": instantiate(config, _convert_="all"), "efficiency": Efficiency()})
-    assert 10 <= env.rollout(1)["next", "reward"][0, 0] <= 20
+def test_where_the_human_is_hidden_the_reward_does_not_see_it():
+    length = lambda observation, action: observation.shape[-1] + 0 * action[..., 0]  # noqa: E731
+    for observe_human, entries in ((True, 34), (False, 32)):
+        base = NavigationEnv(num_envs=2, observe_human=observe_human)
+        env = TransformedEnv(base, DemonstrationReward(length, 1.0, 0.0))
+        assert (env.rollout(1)["next", "reward"][..., 1] == entries).all()
+        rollout = NavigationEnv(objectives=reward_terms(env), num_envs=2).rollout(1)  # itself with the human
+        assert (rollout["next", "reward"][..., 1] == entries).all()
+
+
+def test_a_saved_reward_is_paid(tmp_path):
+    save_module(RewardModel(("observation",), **SIZES, depth=1, num_cells=8), tmp_path / "reward.pt")
+    node = {"_target_": "morlnav.modules.load_module", "path": str(tmp_path / "reward.pt")}
+    transform = build({"_target_": "morlnav.transforms.DemonstrationReward", "reward_model": node, "offset": 1.0})
+    entry = make_env(transform).rollout(1)["next", "reward"][..., 1]
+    assert ((entry >= 10) & (entry <= 20)).all()
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "abc", None], ids=str)
+@pytest.mark.parametrize("name", ["scale", "offset"])
+def test_scale_and_offset_must_be_finite_numbers(name, value):
+    with pytest.raises(ValueError, match=f"DemonstrationReward needs a finite number as {name}, got {value}"):
+        DemonstrationReward(Slow(), **{name: value})
 
 
 def test_the_reward_model_is_a_frozen_copy():

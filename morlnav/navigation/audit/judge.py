@@ -52,13 +52,8 @@ class RewardAudit:
             raise ValueError(f"num_scenes must be at least 1, got {num_scenes}.")
         if plans < 0 or scene_seed < 0:
             raise ValueError(f"plans and scene_seed must not be negative, got {plans} and {scene_seed}.")
-        self.required, self.num_scenes, self.scene_seed, self.plans, self.bare = (
-            required,
-            num_scenes,
-            scene_seed,
-            plans,
-            bare,
-        )
+        self.required, self.plans, self.bare = required, plans, bare
+        self.num_scenes, self.scene_seed = num_scenes, scene_seed
         self.world, self.scenes, self.observe_human = world, scenes, observe_human
         self.max_steps, self.seed = max_steps, seed
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -14,9 +13,10 @@ from torch import Tensor
 
 from morlnav.data import roll_out_ranked
 from morlnav.modules import EpsilonGreedyNoise
-from morlnav.navigation.envs import Collision, DemonstrationObjective, GoalProgress, NavigationEnv, Sum
+from morlnav.navigation.envs import Collision, GoalProgress, NavigationEnv, Sum
 from morlnav.navigation.evaluation.statistics import _interval
 from morlnav.navigation.world import Scene, TensorWorld, World, without_human
+from morlnav.transforms import DemonstrationReward
 
 
 def noisy_rollouts(
@@ -49,7 +49,7 @@ def noisy_rollouts(
         >>> noisy_rollouts(CircumnavigationOracle(), evaluation_scenes(3), (0.0, 0.5), max_steps=5).batch_size
         torch.Size([2, 3, 5])
     """
-    world = copy.copy(world) if world else TensorWorld()
+    world = world or TensorWorld()
     everywhere = torch.cat([scenes] * len(levels))
     baseline = {"baseline": Sum([GoalProgress(), Collision()], static=True)}
     low, high = world.robot.action_low, world.robot.action_high
@@ -68,11 +68,12 @@ def noisy_rollouts(
 @torch.no_grad()
 def judge_noise(
     rollouts: TensorDict,
-    demo: DemonstrationObjective,
+    demo: DemonstrationReward,
     levels: Sequence[float],
     snippet: int = 5,
     temperature: float = 10.0,
     *,
+    observe_human: bool = True,
     num_pairs: int = 20000,
     seed: int = 0,
 ) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, float]]:
@@ -80,10 +81,11 @@ def judge_noise(
 
     Args:
         rollouts: ``[levels, S, T]`` from :func:`noisy_rollouts`.
-        demo: the demonstration objective whose reward is judged.
+        demo: the learned reward, as it is paid.
         levels: the noise levels ``ε``.
         snippet: steps of the snippets that are compared.
         temperature: the logit of a pair is this times the difference of mean ``R̂``.
+        observe_human: whether the reward sees the human's position.
         num_pairs: snippets to compare.
         seed: of snippets and bootstrap.
 
@@ -93,11 +95,11 @@ def judge_noise(
     rng = np.random.default_rng(seed)
     mask = rollouts["mask"].cpu()
     observation, action = rollouts["observation"][rollouts["mask"]], rollouts["action"][rollouts["mask"]]
-    if not demo.observe_human:
+    if not observe_human:
         observation = without_human(observation)
     reward = torch.zeros(mask.shape, dtype=torch.float64)
     parts = zip(observation.split(65536), action.split(65536), strict=True)
-    reward[mask] = torch.cat([demo.reward(*part) for part in parts]).double().cpu()
+    reward[mask] = torch.cat([demo.reward_model(*part) for part in parts]).double().cpu()
     steps = mask.sum(-1)
     mean = reward.sum(-1) / steps
     # A fraction, as long ways would otherwise count as good driving.

@@ -55,9 +55,9 @@ class PlannedPath:
 class PathPlanner:
     """Finds the path that maximises baseline plus ``scale·(R̂(s, a) + offset)`` per step, boxes and human included.
 
-    Value iteration over a :class:`~morlnav.navigation.audit.pose_grid.PoseGrid`; between its points values are interpolated,
-    linearly and only among those that are free. The horizon is finite and γ = 1, as in an episode with a time limit: a
-    reward that pays for dawdling gets a path that dawdles. The path found is that of the greedy policy.
+    Value iteration over a :class:`~morlnav.navigation.audit.pose_grid.PoseGrid`; between its points values are
+    interpolated, linearly and only among those that are free. The horizon is finite and γ = 1, as in an episode with a
+    time limit: a reward that pays for dawdling gets a path that dawdles. The path found is that of the greedy policy.
 
     Args:
         scale: the factor ``c_d``.

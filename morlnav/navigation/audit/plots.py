@@ -11,7 +11,8 @@ import torch
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from morlnav.navigation.record.plots import BOX, COLOURS, GOAL, HUMAN, INK, _tidy
+from morlnav.navigation.record.plots import BOX, GOAL, HUMAN, _tidy
+from morlnav.record.colours import COLOURS, INK
 
 if TYPE_CHECKING:
     from morlnav.navigation.audit.planner import PlannedPath

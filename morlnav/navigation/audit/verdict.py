@@ -14,13 +14,14 @@ from torch import Tensor
 from morlnav.navigation.audit.behaviours import Behaviour, alternative_behaviours
 from morlnav.navigation.audit.noise import judge_noise, noisy_rollouts
 from morlnav.navigation.audit.planner import PathPlanner, PlannedPath
-from morlnav.navigation.envs import DemonstrationObjective
+from morlnav.navigation.envs import Transition
 from morlnav.navigation.evaluation.metrics import frechet_distance, winding
 from morlnav.navigation.evaluation.references import reference_paths, without_boxes
 from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import _interval
 from morlnav.navigation.modules import CircumnavigationOracle
-from morlnav.navigation.world import Scene, TensorWorld, World
+from morlnav.navigation.world import Scene, TensorWorld, World, without_human
+from morlnav.transforms import DemonstrationReward
 
 Reward = Callable[[Tensor, Tensor], Tensor]
 
@@ -152,17 +153,24 @@ def audit_reward(
     alternatives = alternative_behaviours(scenes, max_steps, world) if alternatives is None else alternatives
     rng = np.random.default_rng(seed)
 
-    demo = DemonstrationObjective(reward, scale, offset, observe_human)
+    demo = DemonstrationReward(reward, scale, offset)
+
+    def paid(transition: Transition) -> Tensor:
+        observation = transition.observation
+        return demo.reward(observation if observe_human else without_human(observation), transition.action)
+
     target = Behaviour(lambda observation, _: oracle(observation), 2 * max_steps)
-    driven = {"target": target.drive(scenes, world=world, objectives={"demo": demo})}
+    driven = {"target": target.drive(scenes, world=world, objectives={"demo": paid})}
     arrived = driven["target"].outcome[0] == Outcome.GOAL
     if not arrived.any():
         raise ValueError("The target reaches the goal in no scene; the audit needs other scenes, or another target.")
     suite = {"target": target, **alternatives}
-    driven |= {name: one.drive(scenes, world=world, objectives={"demo": demo}) for name, one in alternatives.items()}
+    driven |= {name: one.drive(scenes, world=world, objectives={"demo": paid}) for name, one in alternatives.items()}
     behaviours = _compare(driven, suite, scale, offset, thresholds, rng)
     noisy = noisy_rollouts(demonstrator or oracle, scenes, levels, hold, world=world, max_steps=max_steps, seed=seed)
-    noise, calibration, facts = judge_noise(noisy, demo, levels, snippet, temperature, seed=seed)
+    noise, calibration, facts = judge_noise(
+        noisy, demo, levels, snippet, temperature, observe_human=observe_human, seed=seed
+    )
 
     chosen = arrived.nonzero().flatten()[:plans].tolist()
     planner = PathPlanner(scale, offset, world, observe_human, max_steps=max_steps)

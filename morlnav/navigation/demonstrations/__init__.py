@@ -8,6 +8,7 @@ from morlnav.navigation.demonstrations.folder import (
 )
 from morlnav.navigation.demonstrations.record import Disturbance, record_demonstrations, rewarded_transitions
 from morlnav.navigation.demonstrations.replay import recorded_demonstrations, replay_demonstrations
+from morlnav.navigation.demonstrations.seed_replay import SeedReplay
 from morlnav.navigation.demonstrations.sources import RecordedFolder, RecordedPolicy
 from morlnav.navigation.demonstrations.trajectories import export_demonstrations, import_demonstrations
 from morlnav.navigation.demonstrations.trajectory_file import Trajectories, read_trajectories
@@ -16,6 +17,7 @@ __all__ = [
     "Disturbance",
     "RecordedFolder",
     "RecordedPolicy",
+    "SeedReplay",
     "Trajectories",
     "demonstration_settings",
     "demonstrations_digest",

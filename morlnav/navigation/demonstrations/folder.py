@@ -45,6 +45,7 @@ def save_demonstrations(data: TensorDict, path: str | Path, settings: Mapping[st
         "transitions": len(data),
         "settings": settings,
         "files": _files(path / "data"),
+        "sha256": _hashes(path / "data"),
     }
     (path / HEADER).write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
 
@@ -67,6 +68,8 @@ def load_demonstrations(path: str | Path) -> TensorDict:
     listed = header.get("files")
     if listed != _files(path / "data") or not all(name.endswith((".memmap", "meta.json")) for name in listed):
         raise ValueError(f"The demonstrations in {path} are damaged: their files are not those that were saved.")
+    if header.get("sha256") not in (None, _hashes(path / "data")):  # the first releases kept sizes alone
+        raise ValueError(f"The demonstrations in {path} are damaged: their files hold other content than was saved.")
     try:
         data = TensorDict.load_memmap(path / "data", allow_pickle=False).clone()
         problem = _problem(data)
@@ -122,6 +125,10 @@ def _files(folder: Path) -> dict[str, int]:
     return {
         file.relative_to(folder).as_posix(): file.stat().st_size for file in sorted(folder.rglob("*")) if file.is_file()
     }
+
+
+def _hashes(folder: Path) -> dict[str, str]:
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in _files(folder)}
 
 
 def _problem(data: Any) -> str | None:

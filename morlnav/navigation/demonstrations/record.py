@@ -83,8 +83,8 @@ def record_demonstrations(
 
     The transitions lie flat, ordered by ``episode`` and ``step``: behaviour cloning draws rows, a replay buffer with
     ``SliceSampler(traj_key="episode", slice_len=25)`` draws snippets to rank. Off-policy learning takes
-    ``executed_action`` as its action. A row holds all that a :class:`~morlnav.navigation.envs.Transition` needs, so that other
-    objectives can be computed later.
+    ``executed_action`` as its action. A row holds all that a :class:`~morlnav.navigation.envs.Transition` needs, so
+    that other objectives can be computed later.
 
     ==========================================  ========  =======================================================
     ``observation``                             ``[34]``  before the step, raw; ``[32]`` without the human
@@ -102,7 +102,7 @@ def record_demonstrations(
         policy: maps raw observations ``[B, 34]`` to actions ``[B, 2]``; it sees the human in any case.
         sampler: called as ``sampler(n, device=..., generator=...)`` for ``n`` new scenes.
         num: episodes to keep.
-        world: the engine; a copy of it is used. Tensors by default.
+        world: the engine; tensors by default.
         disturbance: pushes the robot; ``None`` to leave it alone.
         objectives: reward terms by name as for :class:`~morlnav.navigation.envs.NavigationEnv`.
         observe_human: whether the human's position is recorded (``-NH`` ablation).

@@ -80,7 +80,7 @@ def replay_demonstrations(
         data: ``[N]``, as from :func:`record_demonstrations`; its episodes take turns.
         sampler: called as ``sampler(n, device=..., generator=...)`` for scenes in :class:`SceneSampler`'s frame.
         num: episodes to keep.
-        world: the engine; a copy of it is used. Tensors by default.
+        world: the engine; tensors by default.
         seed: of the boxes.
         num_envs: episodes side by side.
 

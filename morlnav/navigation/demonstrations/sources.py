@@ -64,7 +64,12 @@ class RecordedPolicy(NavigationDemonstrations):
     Args:
         policy: maps raw observations ``[B, 34]`` to actions ``[B, 2]``; it sees the human in any case.
         disturbance: pushes the robot; ``None`` leaves it alone.
-        settings: of :class:`NavigationDemonstrations`.
+        world: the engine.
+        scenes: draws random scenes.
+        observe_human: whether the human's position is recorded.
+        max_steps: time limit of an episode.
+        seed: of scenes and disturbances.
+        num_envs: episodes side by side.
 
     Raises:
         ValueError: if the policy is faster than the robot.
@@ -107,13 +112,19 @@ class RecordedPolicy(NavigationDemonstrations):
 class RecordedFolder(NavigationDemonstrations):
     """Demonstrations of your own: a folder that ``morlnav-record`` wrote (:func:`recorded_demonstrations`).
 
-    Nobody can be asked again how to drive, so the clone stands in for whoever was recorded; it has to drive as recorded.
+    Nobody can be asked again how to drive, so the clone stands in for whoever was recorded, and has to drive as
+    recorded.
 
     Args:
         path: of the folder.
-        replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise they
-            are taken as they are.
-        settings: of :class:`NavigationDemonstrations`.
+        replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise
+            they are taken as they are.
+        world: the engine.
+        scenes: draws random scenes.
+        observe_human: whether the human's position is recorded.
+        max_steps: time limit of an episode.
+        seed: of the scenes.
+        num_envs: episodes side by side.
 
     Raises:
         FileNotFoundError: if the folder holds no demonstrations.

@@ -40,17 +40,19 @@ def import_demonstrations(
 
     The file holds poses, or actions and where the robot starts, with goal, human and boxes of every episode; its schema
     is in ``docs/demonstrations.md``. At every control step the robot takes the arc from where it is to the next pose
-    (:meth:`~morlnav.navigation.world.DifferentialDrive.action_between`). Between two samples it is taken to drive an arc, so that
-    other sampling rates than the world's do. Actions are driven as they are. An episode ends where it reaches the goal.
+    (:meth:`~morlnav.navigation.world.DifferentialDrive.action_between`). Between two samples it is taken to drive an
+    arc, so that other sampling rates than the world's do. Actions are driven as they are. An episode ends where it
+    reaches the goal.
 
     Args:
         path: ends with ``.csv`` or ``.npz``.
-        world: the engine; a copy of it is used. Tensors by default.
+        world: the engine; tensors by default.
         objectives: reward terms by name as for :class:`~morlnav.navigation.envs.NavigationEnv`.
         tolerance: how far from a pose of the file the robot may get, in metres.
 
     Returns:
-        ``[N]`` as from :func:`~morlnav.navigation.demonstrations.record_demonstrations`; ``action`` and ``executed_action`` are the same.
+        ``[N]`` as from :func:`~morlnav.navigation.demonstrations.record_demonstrations`; ``action`` and
+        ``executed_action`` are the same.
 
     Raises:
         FileNotFoundError: if there is no such file.

@@ -8,9 +8,12 @@ import pygame
 import torch
 from torch import Tensor
 
-from morlnav.navigation.record.plots import BOX, COLOURS, GOAL, HUMAN, INK
+from morlnav.navigation.record.plots import BOX, GOAL, HUMAN
 from morlnav.navigation.world import Scene, World
 from morlnav.navigation.world.geometry import to_frame
+from morlnav.record.colours import COLOURS, INK
+
+SMALLEST = 100  # pixels
 
 
 class SceneWindow:
@@ -20,6 +23,9 @@ class SceneWindow:
         world: its radii and its lidar are drawn.
         size: width and height in pixels.
         margin: around start, goal and human, in metres.
+
+    Raises:
+        ValueError: for a size in which nothing could be seen.
 
     Examples:
         >>> import os
@@ -35,6 +41,10 @@ class SceneWindow:
     """
 
     def __init__(self, world: World, size: tuple[int, int] = (1000, 700), margin: float = 1.6) -> None:
+        if min(size) < SMALLEST:
+            raise ValueError(
+                f"The window needs at least {SMALLEST} pixels in width and height, got {size[0]} by {size[1]}."
+            )
         pygame.display.init()  # and not all of pygame, which would look for a sound card
         pygame.font.init()
         pygame.display.set_caption("morlnav-record")

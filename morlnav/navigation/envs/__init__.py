@@ -1,7 +1,6 @@
 """Environments and their reward terms."""
 
-from morlnav.navigation.envs.demonstration import DemonstrationObjective
-from morlnav.navigation.envs.gym import ENV_ID, SocialNavigation, SocialNavigationVector, register
+from morlnav.navigation.envs.gym import SocialNavigation, SocialNavigationVector
 from morlnav.navigation.envs.navigation import NavigationEnv
 from morlnav.navigation.envs.rewards import (
     Collision,
@@ -13,11 +12,11 @@ from morlnav.navigation.envs.rewards import (
     Transition,
     default_objectives,
 )
+from morlnav.navigation.registration import ENV_ID
 
 __all__ = [
     "ENV_ID",
     "Collision",
-    "DemonstrationObjective",
     "Efficiency",
     "GoalProgress",
     "HumanDistance",
@@ -29,5 +28,3 @@ __all__ = [
     "Transition",
     "default_objectives",
 ]
-
-register()

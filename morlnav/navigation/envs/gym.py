@@ -1,6 +1,6 @@
 """The environment for Gymnasium and MO-Gymnasium: one robot, or many side by side, with a vector reward.
 
-Importing :mod:`morlnav` registers ``morlnav/SocialNavigation-v0``.
+Gymnasium knows it as ``morlnav/SocialNavigation-v0`` (:mod:`morlnav.navigation.registration`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,11 @@ from torch import Tensor
 from torchrl.data import Bounded
 
 from morlnav.navigation.envs.navigation import NavigationEnv
+from morlnav.navigation.registration import MAX_EPISODE_STEPS
 from morlnav.navigation.world import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-ENV_ID = "morlnav/SocialNavigation-v0"
-MAX_EPISODE_STEPS = 250
 
 
 class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -286,14 +284,3 @@ def _info(state: TensorDict, index: int | None = None) -> dict[str, Any]:
     if index is None:
         return {"pose": state["pose"].numpy(), **{name: flag.numpy() for name, flag in ends.items()}}
     return {"pose": state["pose"][index].numpy(), **{name: bool(flag[index]) for name, flag in ends.items()}}
-
-
-def register() -> None:
-    """Register the environment with Gymnasium; happens when :mod:`morlnav` is imported."""
-    gymnasium.register(
-        ENV_ID,
-        entry_point=f"{__name__}:{SocialNavigation.__name__}",  # as text, for a spec is kept as JSON
-        vector_entry_point=f"{__name__}:{SocialNavigationVector.__name__}",
-        max_episode_steps=MAX_EPISODE_STEPS,
-        disable_env_checker=True,  # it asks for a scalar reward
-    )

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase, TransformedEnv
 
 from morlnav.data import simplex_grid
-from morlnav.evaluation import Evaluation, expected_utility, preference_label
+from morlnav.evaluation import Evaluation, eval_env, expected_utility, preference_label
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
@@ -23,7 +23,7 @@ from morlnav.navigation.evaluation.statistics import RATES, metric_columns, over
 from morlnav.navigation.world import Scene
 from morlnav.record.console import make_console
 from morlnav.trainers.drex import place
-from morlnav.transforms import DemonstrationReward
+from morlnav.transforms import DemonstrationReward, transforms_of
 
 
 class NavigationEvaluation(Evaluation):
@@ -84,10 +84,10 @@ class NavigationEvaluation(Evaluation):
 
     @cached_property
     def _transformed(self) -> TransformedEnv:
-        return self.make_env(num_envs=1).eval()
+        return eval_env(self.make_env(num_envs=1))
 
     def drive(self, policy: nn.Module, scenes: Scene, preferences: Tensor) -> Rollouts:
-        """Episodes ``[P, S]`` of a policy under preferences ``[P, n]``, or schedules ``[P, T, n]``, in scenes ``[S]``."""
+        """Episodes ``[P, S]`` of a policy under preferences ``[P, n]`` or schedules ``[P, T, n]`` in scenes ``[S]``."""
         env = self.env
         return evaluate_policy(
             policy,
@@ -167,7 +167,7 @@ class NavigationEvaluation(Evaluation):
 
     def show(self, output: Path, directory: Path) -> None:
         """See :meth:`Evaluation.show`."""
-        from morlnav.navigation.record.tables import audit_line, print_summary
+        from morlnav.navigation.evaluation.tables import audit_line, print_summary
 
         episodes, summary, faithful, front = (
             pd.read_csv(output / f"{name}.csv") for name in ("episodes", "summary", "fidelity", "front")
@@ -181,21 +181,32 @@ class NavigationEvaluation(Evaluation):
 
     def show_rooms(self, file: Path) -> None:
         """Print in a terminal how the policy drives in several rooms."""
-        from morlnav.navigation.record.tables import print_summary
+        from morlnav.navigation.evaluation.tables import print_summary
 
         print_summary(pd.read_csv(file), label="room", demonstrated=list(self.demonstrators))
 
 
 def reward_terms(env: EnvBase) -> dict[str, Objective]:
-    """The entries of an environment's reward as objectives, with what its transforms add."""
+    """The entries of an environment's reward as objectives, with what its transforms add.
+
+    Examples:
+        >>> slow = lambda observation, action: 1 - action[..., 0] / 0.5
+        >>> terms = reward_terms(TransformedEnv(NavigationEnv(), DemonstrationReward(slow)))
+        >>> list(terms)
+        ['baseline', 'demo', 'distance', 'efficiency']
+        >>> NavigationEnv(objectives=terms).rollout(2)["next", "reward"].shape  # also without TorchRL's transforms
+        torch.Size([2, 4])
+    """
     base = env.base_env if isinstance(env, TransformedEnv) else env
-    terms = dict(base.rewards)
-    for transform in env.transform if isinstance(env, TransformedEnv) else ():
+    items = list(base.rewards.items())
+    for transform in transforms_of(env):
         if isinstance(transform, DemonstrationReward):
-            items = list(terms.items())
-            items.insert(transform.entry, (transform.name, _Demonstrated(transform, base)))
-            terms = dict(items)
-    return terms
+            entry, term = transform.entry, _Demonstrated(transform, base)
+            if transform.insert:
+                items.insert(entry, (transform.name, term))
+            else:
+                items[entry] = (items[entry][0], term)
+    return dict(items)
 
 
 class _Demonstrated:

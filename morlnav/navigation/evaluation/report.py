@@ -45,9 +45,9 @@ def write_report(
 ) -> str:
     """Write tables and figures of an evaluation, and return the table that a person reads first.
 
-    Files: ``episodes.csv`` (see :func:`~morlnav.navigation.evaluation.episode_metrics`), ``summary.csv``, ``fidelity.csv``,
-    ``front.csv`` (see :func:`~morlnav.navigation.evaluation.front_table`), ``table.md``, and, with two or more tuneable
-    objectives, ``trajectories.png``, ``metrics.png`` and ``front.png``.
+    Files: ``episodes.csv`` (see :func:`~morlnav.navigation.evaluation.episode_metrics`), ``summary.csv``,
+    ``fidelity.csv``, ``front.csv`` (see :func:`~morlnav.evaluation.front_table`), ``table.md``, and, with two or more
+    tuneable objectives, ``trajectories.png``, ``metrics.png`` and ``front.png``.
 
     Args:
         rollouts: batched ``[P, S]``.
@@ -85,8 +85,8 @@ def write_report(
 
     tuneable = rewards[len(rewards) - rollouts.preference.shape[-1] :]
     if len(tuneable) >= 2:
+        from morlnav.evaluation.front_plot import plot_front  # these load matplotlib
         from morlnav.navigation.record.plots import plot_metrics, plot_trajectories
-        from morlnav.record.front_plot import plot_front  # these load matplotlib
 
         shown = [scene for scene in scenes if scene < rollouts.batch_size[1]]
         radii = {} if world is None else {"human_radius": world.human_radius, "robot_radius": world.robot.radius}

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 
-from morlnav.navigation.record.plots import blend, draw_scene, objective_colours, scene_bounds
+from morlnav.navigation.record.plots import draw_scene, scene_bounds
+from morlnav.record.colours import blend, objective_colours
 
 if TYPE_CHECKING:
     from morlnav.navigation.evaluation.rollout import Rollouts

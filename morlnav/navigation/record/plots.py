@@ -10,20 +10,18 @@ import pandas as pd
 import torch
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Colormap, ListedColormap, to_rgb
+from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
+
+from morlnav.record.colours import INK, blend, objective_colours
 
 if TYPE_CHECKING:
     from morlnav.navigation.evaluation.rollout import Rollouts
     from morlnav.navigation.world import Scene
 
-COLOURS = {"demo": "#18a572", "distance": "#2b62d9", "efficiency": "#ff8c1a"}
-"""Colours of known objectives; others take those of ``SPARE_COLOURS`` in turn."""
-
-SPARE_COLOURS = ("#b0489d", "#8a6d3b", "#17a2b8", "#c0392b", "#7f7f7f")
-INK, HUMAN, BOX, GOAL = "#333333", "#e05252", "#c4c7cc", "#2456d6"
+HUMAN, BOX, GOAL = "#e05252", "#c4c7cc", "#2456d6"
 LABELS = {
     "navigation_time": "navigation time [s]",
     "frechet": "Fréchet distance [m]",
@@ -34,29 +32,6 @@ LABELS = {
     "personal_space": "personal space kept",
     "mean_jerk": "mean jerk [m/s³]",
 }
-
-
-def objective_colours(objectives: Sequence[str]) -> list[str]:
-    """One colour per objective, the same in every figure.
-
-    >>> objective_colours(["efficiency", "comfort"])
-    ['#ff8c1a', '#b0489d']
-    """
-    spare = [name for name in objectives if name not in COLOURS]
-    return [
-        COLOURS[name] if name in COLOURS else SPARE_COLOURS[spare.index(name) % len(SPARE_COLOURS)]
-        for name in objectives
-    ]
-
-
-def blend(preferences: np.ndarray, colours: Sequence[str]) -> np.ndarray:
-    """Colours of the objectives mixed by λ ``[P, n]``, as light mixes, which keeps them clear of grey; ``[P, 3]``.
-
-    >>> blend(np.array([[1.0, 0.0], [0.5, 0.5]]), ["#ff0000", "#0000ff"]).round(2).tolist()
-    [[1.0, 0.0, 0.0], [0.71, 0.0, 0.71]]
-    """
-    light = np.array([to_rgb(colour) for colour in colours]) ** 2
-    return np.sqrt(np.clip(preferences @ light, 0, 1))
 
 
 def tour(num_objectives: int) -> list[tuple[int, int]]:
@@ -222,8 +197,8 @@ def plot_metrics(
 
     Args:
         summary: from :func:`~morlnav.navigation.evaluation.summarise`.
-        comparisons: from :func:`~morlnav.navigation.evaluation.compare_extremes`; adds significance stars between neighbouring
-            corners.
+        comparisons: from :func:`~morlnav.navigation.evaluation.compare_extremes`; adds significance stars between
+            neighbouring corners.
         metrics: columns of ``summary``; those that it lacks are left out.
         baseline: from :func:`~morlnav.navigation.evaluation.overall` for an agent without preferences; a dotted line.
 

@@ -10,7 +10,7 @@ from tensordict import tensorclass
 from torch import Tensor
 
 from morlnav.navigation.world.geometry import polar
-from morlnav.navigation.world.kinematics import DifferentialDrive
+from morlnav.navigation.world.kinematics import DifferentialDrive, Robot
 from morlnav.navigation.world.lidar import Lidar
 from morlnav.navigation.world.scene import Scene
 
@@ -46,7 +46,7 @@ class World(ABC):
 
     def __init__(
         self,
-        robot: DifferentialDrive | None = None,
+        robot: Robot | None = None,
         lidar: Lidar | None = None,
         human_radius: float = 0.3,
         goal_radius: float = 0.35,

@@ -3,11 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor
 
 from morlnav.navigation.world.geometry import wrap_angle
+
+
+class Robot(Protocol):
+    """What a world needs of a robot, of whatever kind; see :class:`DifferentialDrive`."""
+
+    radius: float
+    max_speed: float
+    max_turn: float
+
+    @property
+    def action_low(self) -> Tensor:
+        """Least action, shape ``[2]``."""
+
+    @property
+    def action_high(self) -> Tensor:
+        """Largest action, shape ``[2]``."""
+
+    def limit(self, action: Tensor) -> Tensor:
+        """What the motors make of an action ``[..., 2]``."""
+
+    def move(self, pose: Tensor, action: Tensor, duration: float | Tensor) -> Tensor:
+        """The pose ``[..., 3]`` after so many seconds of a constant action."""
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,23 @@ import math
 import pandas as pd
 import pytest
 import torch
+from omegaconf import OmegaConf
 from support import configure
 
-from morlnav.commands.audit import main
-from morlnav.modules import RewardEnsemble, RewardModel, read_facts, save_reward
+from morlnav.commands.audit import audit as audit_saved
+from morlnav.commands.audit import find_reward, main
+from morlnav.modules import Actor, RewardEnsemble, RewardModel, read_facts, save_module
 from morlnav.navigation.audit import Thresholds, alternative_behaviours, audit_reward, write_audit
 from morlnav.navigation.evaluation import Outcome, evaluation_scenes
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import DifferentialDrive, Lidar, SceneSampler, TensorWorld
-from morlnav.trainers.auditing import audit_run, find_reward
+from morlnav.runs import Run
+
+SMALL = {"action_low": [0.0, -3.14], "action_high": [0.5, 3.14], "features": 34, "depth": 1, "num_cells": 8}
+
+
+def small_reward():
+    return RewardModel(("observation", "action"), **SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -120,16 +128,15 @@ def test_the_report_holds_verdict_tables_and_figures(audit, tmp_path):
 
 
 def test_the_command_line_judges_a_saved_reward(tmp_path, monkeypatch, capsys):
-    model = RewardEnsemble([RewardModel(depth=1, num_cells=8), RewardModel(depth=1, num_cells=8)])
-    file = tmp_path / "reward" / "reward.pt"
-    save_reward(model, file, {"held_out": {"accuracy": 0.5}})
-    assert find_reward(tmp_path) == find_reward(file.parent) == find_reward(file)
+    file = tmp_path / "reward.pt"
+    save_module(RewardEnsemble([small_reward(), small_reward()]), file, {"held_out": {"accuracy": 0.5}})
+    assert find_reward(tmp_path) == find_reward(file) == file
     monkeypatch.setattr("sys.argv", ["morlnav-audit", str(tmp_path), "--scenes", "2", "--plans", "0", "--threads", "1"])
     with pytest.raises(SystemExit) as status:
         main()
     assert status.value.code == 1
     assert "**Failed.**" in capsys.readouterr().out
-    facts = read_facts(file)["facts"]
+    facts = read_facts(file)
     assert facts["held_out"] == {"accuracy": 0.5}
     assert facts["audit"]["passed"] is False
     assert facts["audit"]["settings"]["num_scenes"] == 2
@@ -142,16 +149,19 @@ def test_the_command_line_judges_a_saved_reward(tmp_path, monkeypatch, capsys):
 
 
 def test_a_run_is_judged_by_its_own_demonstrator_and_scale(tmp_path):
-    save_reward(RewardModel(depth=1, num_cells=8), tmp_path / "reward.pt", {})
-    objectives = "objectives=[baseline,demo,distance,efficiency]"
-    cfg = configure(
-        objectives, "demonstrations.policy.radius=0.75", "objectives.demo.scale=3.0", "env.scenes.num_boxes=0"
-    )
-    judged = audit_run(tmp_path, num_scenes=2, cfg=cfg, plans=0, levels=(0.0, 0.5))
-    frame = judged.behaviours.set_index("behaviour")
+    changes = ["rewards.demonstrations.demo.policy.radius=0.75", "rewards.scale=3.0", "env.scenes.num_boxes=0"]
+    cfg = configure("objectives=[baseline,demo,distance,efficiency]", "cache=null", *changes)
+    OmegaConf.save(cfg, tmp_path / "config.yaml", resolve=True)
+    origin = Run(tmp_path).training.pipeline().stages["demo"].origin("ranking")
+    save_module(small_reward(), tmp_path / "reward.pt", {"origin": origin})
+    save_module(Actor(num_objectives=0, **SMALL), tmp_path / "clone.pt")
+    passed, report = audit_saved(tmp_path, num_scenes=2, plans=0)
+    assert not passed
+    assert report == tmp_path / "audit"
+    frame = pd.read_csv(report / "behaviours.csv").set_index("behaviour")
     assert frame.loc["radius 0.75", "margin"] == 0
     assert frame.loc["target", "pairs"] == 2
-    verdict = read_facts(tmp_path / "reward.pt")["facts"]["audit"]
+    verdict = read_facts(tmp_path / "reward.pt")["audit"]
     assert verdict["settings"]["scale"] == 3.0
 
 

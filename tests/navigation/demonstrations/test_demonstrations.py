@@ -3,12 +3,11 @@ import shutil
 
 import pytest
 import torch
-from hydra import compose, initialize_config_dir
-from hydra.utils import instantiate
+from support import configure
 from tensordict import NonTensorData
 from torchrl.data import LazyTensorStorage, SliceSampler, TensorDictReplayBuffer
 
-from morlnav.cli import conf_dir
+from morlnav.config import build
 from morlnav.navigation.demonstrations import (
     Disturbance,
     demonstration_settings,
@@ -190,6 +189,17 @@ def test_missing_cut_and_foreign_files_are_refused(folder, tmp_path):
             load_demonstrations(copy)
 
 
+@pytest.mark.parametrize("name", ["observation.memmap", "action.memmap", "next/pose.memmap"])
+def test_other_content_of_the_same_size_is_refused(folder, tmp_path, name):
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    content = bytearray((copy / "data" / name).read_bytes())
+    end = min(4096, len(content))
+    content[:end] = bytes(255 - byte for byte in content[:end])
+    (copy / "data" / name).write_bytes(content)
+    with pytest.raises(ValueError, match="are damaged: their files hold other content than was saved"):
+        load_demonstrations(copy)
+
+
 def test_pickles_are_neither_saved_nor_loaded(data, folder, tmp_path):
     mixed = data.clone().set("note", NonTensorData(object(), batch_size=data.batch_size))
     with pytest.raises(ValueError, match="no demonstrations that can be saved"):
@@ -223,13 +233,13 @@ def test_impossible_numbers_are_refused(options):
 
 
 def test_the_config_records_with_the_same_defaults():
-    with initialize_config_dir(conf_dir(), version_base="1.3"):
-        cfg = compose("train", ["demonstrations.num=2"])
-    build = instantiate(cfg.demonstrations, _partial_=True, _convert_="all")
-    assert build.keywords["disturbance"] == Disturbance()
-    assert vars(build.keywords["policy"]).keys() == vars(CircumnavigationOracle()).keys()
-    default, oracle = CircumnavigationOracle(), build.keywords["policy"]
+    cfg = configure("objectives=[baseline,demo]")
+    live = {"world": TensorWorld(), "scenes": SceneSampler(), "max_turn": torch.pi, "step_time": 0.2, "sectors": 30}
+    source = build(cfg.rewards.demonstrations.demo, "demo", **live)
+    assert source.disturbance == Disturbance()
+    assert source.num_envs == 256
+    default, oracle = CircumnavigationOracle(), source.policy
+    assert vars(oracle).keys() == vars(default).keys()
     for name in ("radius", "clockwise", "speed", "band", "sector", "max_turn", "step_time", "sectors"):
         assert getattr(oracle, name) == getattr(default, name)
-    data, _ = build(sampler=SceneSampler())
-    assert data["episode"].max() == 1
+    assert source.collect(2)["episode"].max() == 1

@@ -10,6 +10,7 @@ import torch
 
 pygame = pytest.importorskip("pygame")
 
+from morlnav.commands import record
 from morlnav.navigation.demonstrations import (
     demonstration_settings,
     drive,
@@ -167,6 +168,14 @@ def test_however_it_ends_what_arrived_is_saved(end, tmp_path, monkeypatch, capsy
     assert len(data) == 34
     assert demonstration_settings(tmp_path / "mine") == {"source": "driven by hand"}
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize("size", [("0", "0"), ("-300", "200"), ("300", "5")])
+def test_a_window_in_which_nothing_could_be_seen_is_refused(size, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["morlnav-record", str(tmp_path / "mine"), "--size", *size])
+    with pytest.raises(SystemExit, match=f"at least 100 pixels in width and height, got {size[0]} by {size[1]}"):
+        record.main()
+    assert not (tmp_path / "mine").exists()
 
 
 def test_recordings_grow_from_drive_to_drive(tmp_path):

@@ -5,9 +5,10 @@ from morlnav.modules import VectorCritic
 from morlnav.navigation.evaluation import evaluation_scenes
 from morlnav.navigation.modules import AfterstateFeatures, NavigationFeatures
 from morlnav.navigation.world import DifferentialDrive, TensorWorld
-from morlnav.trainers.builders import make_base_env, make_networks
+from morlnav.runs import make_training
+from morlnav.trainers import live_objects
 
-BOUNDS = {"action_low": [0.0, -3.14], "action_high": [0.5, 3.14]}
+SIZES = {"action_low": [0.0, -3.14], "action_high": [0.5, 3.14], "features": NavigationFeatures()}
 
 
 def driven(steps=20, **settings):
@@ -92,7 +93,7 @@ def test_its_gradient_in_the_action_is_that_of_finite_differences():
 def test_a_critic_sees_what_the_action_leads_to():
     before, action, _ = driven()
     torch.manual_seed(0)
-    critic = VectorCritic(3, 2, **BOUNDS, afterstate=AfterstateFeatures())
+    critic = VectorCritic(3, 2, **SIZES, afterstate=AfterstateFeatures())
     features = [critic.features.out_features, critic.afterstate.out_features]
     assert critic.mlp[0].in_features == sum(features) + 2 + 2
     assert critic.stackable
@@ -105,9 +106,10 @@ def test_a_critic_sees_what_the_action_leads_to():
 
 
 def test_the_config_gives_it_the_robot_and_the_view_of_the_run_or_leaves_it_out():
-    cfg = configure("world.robot.max_turn=2.0", "world.step_time=0.1", "env.observe_human=false")
-    _, critics = make_networks(cfg, make_base_env(cfg, 1))
-    afterstate = critics[0].afterstate
+    def critic(*overrides):
+        training = make_training(configure(*overrides))
+        return training.critic(**live_objects(training.make_env({}, 1)))
+
+    afterstate = critic("env.world.robot.max_turn=2.0", "env.world.step_time=0.1", "env.observe_human=false").afterstate
     assert (afterstate.robot.max_turn, afterstate.step_time, afterstate.features.observe_human) == (2.0, 0.1, False)
-    cfg = configure("networks.afterstate=null")
-    assert make_networks(cfg, make_base_env(cfg, 1))[1][0].afterstate is None
+    assert critic("critic.afterstate=null").afterstate is None

@@ -9,6 +9,7 @@ from PIL import Image, ImageSequence
 from morlnav.commands.evaluate import animate_run, main
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes
 from morlnav.navigation.record.animation import animate_rollouts
+from morlnav.runs import Run
 
 
 @pytest.fixture(scope="module")
@@ -47,9 +48,9 @@ def test_the_knob_in_motion_is_one_command_away(smoke_run, tmp_path, monkeypatch
 
 def test_an_animation_is_a_gif(smoke_run, tmp_path):
     with pytest.raises(ValueError, match=r"The animation is a GIF; give it a name such as knob\.gif, not knob\.mp4"):
-        animate_run(smoke_run, Path("knob.mp4"))
+        animate_run(Run(smoke_run), Path("knob.mp4"))
     with pytest.raises(ValueError, match=r"below evaluation.episodes=\d+, got 1000"):
-        animate_run(smoke_run, tmp_path / "knob.gif", scene=1000)
+        animate_run(Run(smoke_run), tmp_path / "knob.gif", scene=1000)
 
 
 def test_few_preferences_are_named_in_words(rollouts, tmp_path):

@@ -15,7 +15,8 @@ from morlnav.navigation.evaluation import (
     overall,
     summarise,
 )
-from morlnav.navigation.record.plots import blend, edge_order, plot_metrics, plot_trajectories
+from morlnav.navigation.record.plots import edge_order, plot_metrics, plot_trajectories
+from morlnav.record.colours import blend
 
 NAMES = ("demo", "distance", "efficiency")
 

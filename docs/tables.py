@@ -1,0 +1,102 @@
+"""Writes the tables of README.md and docs/results.md anew, from what runs left: ``python docs/tables.py``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import pandas as pd
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "results"
+STYLES = ("demo", "distance", "efficiency")
+
+
+def styles() -> str:
+    """The default run: a row for each preference with all weight on one style, and one for all preferences."""
+    episodes = _read(RESULTS / "default", "episodes")
+    rows = {name: episodes[episodes[f"lambda_{name}"] == 1] for name in STYLES}
+    rows[f"all {episodes['preference'].nunique()}"] = episodes
+    head = ["λ", "success", "collision", "time", "than shortest path", "distance to human", "off demonstration"]
+    return _table(head, ([name, *_outcome(part, "collision"), *_driving(part)] for name, part in rows.items()))
+
+
+def three_styles() -> str:
+    """A row for each seed of the default recipe; a star where two threads trained it."""
+    runs = {"0": RESULTS / "default"} | {_seed(path): path for path in sorted((RESULTS / "three_styles").iterdir())}
+    head = ["seed", "off demonstration", "human on right", "distance to human", "than shortest path"]
+    head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES)]
+    return _table(head, ([seed, *_seed_row(path)] for seed, path in runs.items()))
+
+
+def two_objectives() -> str:
+    """A row for each seed of ``recipe=analytical``."""
+    runs = {_seed(path): path for path in sorted((RESULTS / "two_objectives").iterdir())}
+    head = ["seed", "distance to human", "than shortest path", "all: success", "collision", "timeout"]
+    return _table(
+        [*head, *(f"ρ {name}" for name in STYLES[1:])], ([seed, *_seed_row(path)] for seed, path in runs.items())
+    )
+
+
+TABLES = {"README.md": (styles,), "docs/results.md": (styles, three_styles, two_objectives)}
+
+
+def renewed(page: str) -> str:
+    """The text of a page with its tables as they should be; each stands between comments with its name."""
+    text = (ROOT / page).read_text()
+    for table in TABLES[page]:
+        name = table.__name__
+        text = re.sub(f"(<!-- {name} -->\n).*?(<!-- end -->)", rf"\1\n{table()}\n\n\2", text, flags=re.DOTALL)
+    return text
+
+
+def _seed_row(run: Path) -> list[str]:
+    episodes, fidelity = _read(run, "episodes"), _read(run, "fidelity")
+    at = {name: episodes[episodes[f"lambda_{name}"] == 1] for name in STYLES if f"lambda_{name}" in episodes}
+    row = []
+    if "demo" in at:
+        row = [f"{at['demo']['frechet'].mean():.2f} m", _percent(at["demo"]["human_on_right"], "{:.0f}")]
+    row.append(f"{at['distance']['min_human_distance'].mean():.2f} m")
+    row.append(_percent(_times(at["efficiency"])["time_ratio"] - 1, "+{:.1f}"))
+    ranks = fidelity.groupby("objective")["spearman"].first()
+    return [*row, *_outcome(episodes, "collision", "timeout"), *(f"{ranks[name]:.2f}" for name in at)]
+
+
+def _outcome(episodes: pd.DataFrame, *others: str) -> list[str]:
+    rates = {"collision": episodes["collision_human"] | episodes["collision_box"], "timeout": episodes["timeout"]}
+    return [_percent(rate) for rate in (episodes["success"], *(rates[name] for name in others))]
+
+
+def _driving(episodes: pd.DataFrame) -> list[str]:
+    times = _times(episodes)
+    longer = _percent(times["time_ratio"] - 1, "+{:.0f}")
+    distances = episodes[["min_human_distance", "frechet"]].mean()
+    return [f"{times['navigation_time'].mean():.1f} s", longer, *(f"{distance:.2f} m" for distance in distances)]
+
+
+def _times(episodes: pd.DataFrame) -> pd.DataFrame:
+    """Times count successes only."""
+    return episodes[episodes["success"]]
+
+
+def _percent(share: pd.Series, form: str = "{:.1f}") -> str:
+    return f"{form.format(100 * share.mean())} %"
+
+
+def _read(run: Path, name: str) -> pd.DataFrame:
+    return pd.read_csv(run / "evaluation" / f"{name}.csv")
+
+
+def _seed(path: Path) -> str:
+    return path.name.removeprefix("seed_").replace("two_threads", "0*")
+
+
+def _table(head: list[str], rows: Iterable[list[str]]) -> str:
+    lines = [head, [":--", *["--:"] * (len(head) - 1)], *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+if __name__ == "__main__":
+    for page in TABLES:
+        (ROOT / page).write_text(renewed(page))

@@ -1,1 +1,0 @@
-"""``morlnav-benchmark``: morlnav against its peers and against the machine's limit, one file per group of rows."""

@@ -86,6 +86,7 @@ LEFT_OUT = {  # arguments that have a default and no place in a file
     "max_tries": "of the scene sampler",
 }
 ANOTHER_VALUE = {  # where a class serves twice, or Python wants something else than the command line
+    "env/mo_gymnasium:.num_envs": "a training drives several, a user of the class one",
     "env/navigation:.num_envs": "one environment without a batch, as TorchRL's",
     "collector/ray:.init_random_frames": "TorchRL's own defaults",
     "collector/ray:.num_collectors": "TorchRL's own defaults",

@@ -1,25 +1,22 @@
 """How fast each collector feeds the learner, as a Markdown table; all rows are measured in turns, in one run.
 
-uv run python benchmarks/collectors.py --cases tensor:16 tensor:128 tensor:1024 pymunk:16 --repeats 3
+uv run --extra ray python -m benchmarks.collectors --cases tensor:16 tensor:128 tensor:1024 pymunk:16 --repeats 3
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from pathlib import Path
+import re
 from statistics import median
-from tempfile import TemporaryDirectory
 from time import perf_counter
 
 import torch
-from hydra import compose, initialize_config_dir
 from tensordict import TensorDictBase
 from torchrl.trainers.trainers import Trainer
 
-from morlnav.cli import conf_dir, keep_freed_memory, quiet
-from morlnav.record.loggers import TensorboardCSVLogger
-from morlnav.trainers import make_trainer
+from benchmarks.recipes import ANALYTICAL, NEVER, composed, trainer_of
+from morlnav.cli import keep_freed_memory, one_sentence_errors, quiet
 
 COLLECTORS = {
     "single": ["collector=single"],
@@ -28,11 +25,10 @@ COLLECTORS = {
     "ray": ["collector=ray"],
     "ray, sync=false": ["collector=ray", "collector.sync=false"],
 }
-NEVER = 2**62
 PLAIN = (
-    "objectives=[baseline,distance,efficiency]",
-    *("trainer.random_frames=0", "trainer.progress_bar=false", f"trainer.checkpoint.interval={NEVER}"),
-    *(f"trainer.total_frames={NEVER}", f"evaluation.during.interval={NEVER}", f"logger.interval={NEVER}"),
+    ANALYTICAL,
+    *("collector.init_random_frames=0", f"trainer.total_frames={NEVER}", f"trainer.log_interval={NEVER}"),
+    *(f"hooks.log_episodes.interval={NEVER}", f"hooks.log_optimisation.interval={NEVER}"),
 )
 
 
@@ -66,17 +62,15 @@ class Clock:
         return self.frames / self.elapsed
 
 
-def make(case: str, collector: str, overrides: list[str], directory: str) -> Trainer:
-    """The trainer of a row, seeded."""
+def make(case: str, collector: str, overrides: list[str]) -> Trainer:
+    """The trainer of a row, seeded; as many updates per frame as in the recipe."""
     world, num_envs = case.split(":")
     size = [f"world={world}", f"env.num_envs={num_envs}"]
-    with initialize_config_dir(conf_dir(), version_base="1.3"):
-        cfg = compose("train", [*PLAIN, *COLLECTORS[collector], *size, *overrides])
-    updates = cfg.trainer.optim_steps_per_batch * int(num_envs) // cfg.trainer.frames_per_batch
-    cfg.trainer.frames_per_batch, cfg.trainer.optim_steps_per_batch = int(num_envs), max(1, updates)
+    cfg = composed(*PLAIN, *COLLECTORS[collector], *size, *overrides)
+    updates = cfg.trainer.optim_steps_per_batch * int(num_envs) // cfg.collector.frames_per_batch
+    cfg.collector.frames_per_batch, cfg.trainer.optim_steps_per_batch = int(num_envs), max(1, updates)
     torch.set_num_threads(cfg.threads)
-    torch.manual_seed(cfg.seed)
-    return make_trainer(cfg, Path(directory), TensorboardCSVLogger("logs", Path(directory)))
+    return trainer_of(cfg)
 
 
 def collect(trainer: Trainer, clock: Clock) -> None:
@@ -99,23 +93,41 @@ def measure(case: str, collector: str, args: argparse.Namespace) -> tuple[float,
     """Frames per second of collecting alone and of training, and the share of the latter in which the learner waits."""
     clocks = {collect: Clock(args.seconds, args.warm_up), train: Clock(args.seconds, args.warm_up)}
     for work, clock in clocks.items():
-        with TemporaryDirectory() as directory:
-            work(make(case, collector, args.overrides, directory), clock)
+        work(make(case, collector, args.overrides), clock)
     return clocks[collect].speed, clocks[train].speed, clocks[train].waited / clocks[train].elapsed
 
 
-def main() -> None:
+def main(words: list[str] | None = None) -> None:
     """Entry point."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.collectors", description=__doc__.splitlines()[0])
     parser.add_argument("--cases", nargs="+", default=["tensor:16", "tensor:128", "pymunk:16"], metavar="WORLD:ENVS")
     parser.add_argument("--collectors", nargs="+", default=list(COLLECTORS), choices=COLLECTORS)
     parser.add_argument("--seconds", type=float, default=5.0, help="of every measurement")
     parser.add_argument("--warm-up", type=float, default=2.0, help="seconds before it")
     parser.add_argument("--repeats", type=int, default=1, help="rounds over all rows; the table shows medians")
     parser.add_argument("--overrides", nargs="*", default=[], metavar="KEY=VALUE", help="as of morlnav-train")
-    args = parser.parse_args()
+    args = parser.parse_args(words)
     quiet()
     keep_freed_memory()
+    os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # as morlnav-train, before Ray is imported
+    with one_sentence_errors():
+        print_table(args)
+
+
+def print_table(args: argparse.Namespace) -> None:
+    """Measure all rows in turn.
+
+    Raises:
+        ValueError: for numbers with which nothing would be measured.
+    """
+    if args.repeats < 1 or not args.seconds > 0 or not args.warm_up >= 0:
+        raise ValueError(
+            f"Needed are repeats >= 1, seconds > 0 and warm-up >= 0, got {args.repeats}, {args.seconds:g} and "
+            f"{args.warm_up:g}."
+        )
+    for case in args.cases:
+        if not re.fullmatch(r"\w+:[1-9]\d*", case):
+            raise ValueError(f"A case is WORLD:ENVS, such as tensor:16, but {case} is not.")
     rows = [(case, collector) for case in args.cases for collector in args.collectors]
     found = {row: [] for row in rows}
     for _ in range(args.repeats):

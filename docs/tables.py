@@ -23,7 +23,7 @@ def styles() -> str:
 
 
 def three_styles() -> str:
-    """A row for each seed of the default recipe; a star where two threads trained it."""
+    """A row for each seed of the default recipe."""
     runs = {"0": RESULTS / "default"} | {_seed(path): path for path in sorted((RESULTS / "three_styles").iterdir())}
     head = ["seed", "off demonstration", "human on right", "distance to human", "than shortest path"]
     head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES)]
@@ -89,7 +89,7 @@ def _read(run: Path, name: str) -> pd.DataFrame:
 
 
 def _seed(path: Path) -> str:
-    return path.name.removeprefix("seed_").replace("two_threads", "0*")
+    return path.name.removeprefix("seed_")
 
 
 def _table(head: list[str], rows: Iterable[list[str]]) -> str:

@@ -26,7 +26,7 @@ def _demonstrate(observation: torch.Tensor) -> torch.Tensor:  # swing up with a 
 def main(seed: int = 0) -> list[float]:
     """Mean true returns of demonstrator, clone and policy from the same 100 starting states, unseen in training."""
     torch.manual_seed(seed)
-    actors = [modules.Actor(0, LOW, HIGH, 3, depth=2, num_cells=64) for _ in range(2)]
+    actors = [modules.Actor(0, LOW, HIGH, torch.nn.Linear(3, 64), depth=2, num_cells=64) for _ in range(2)]
     nets = [TensorDictModule(net, ["observation"], ["action"]) for net in (_demonstrate, *actors)]
     demos = _pendulums(20, seed).rollout(200, nets[0]).select("observation", "action")
     loss, train = objectives.BehaviourCloningLoss(nets[1], bounds=(LOW, HIGH)), demos[:16].flatten()

@@ -149,14 +149,19 @@ def _no_choice(words: Sequence[str]) -> str:
     return "A group needs one of its choices, GROUP=CHOICE; see --help."
 
 
-def refuse_repeated_choices(words: Sequence[str]) -> None:
-    """Refuse a list of choices that names one twice, which Hydra takes as one.
+def refuse_choices(words: Sequence[str]) -> None:
+    """Refuse what Hydra takes without a word: a choice that is named twice, and one that is not a user's to make.
 
-    >>> refuse_repeated_choices(["objectives=[distance,distance]"])
+    >>> refuse_choices(["objectives=[distance,distance]"])
     Traceback (most recent call last):
     ValueError: objectives names distance twice.
+    >>> refuse_choices(["brief=long"])
+    Traceback (most recent call last):
+    ValueError: brief follows trainer and env; choose them instead.
     """
     for word in OverridesParser.create().parse_overrides(list(words)):
+        if word.key_or_group == "brief":
+            raise ValueError("brief follows trainer and env; choose them instead.")
         choices = word.value()
         chosen = choices if isinstance(choices, list) and _choices(word.key_or_group) else []
         if repeated := [choice for choice in chosen if chosen.count(choice) > 1]:

@@ -63,6 +63,19 @@ class Part(Generic[T]):
         return f"{type(self).__name__}({self.where}: {self.node.get('_target_')})"
 
 
+def part(target: Callable[..., Any], **arguments: Any) -> Part:
+    """A part without a config: a class or function, and arguments that may be parts themselves.
+
+    Live objects reach all of them, as if the whole stood in a file.
+
+    >>> from torch import nn
+    >>> part(nn.Linear, out_features=2)(in_features=3, seed=0)
+    Linear(in_features=3, out_features=2, bias=True)
+    """
+    name = f"{target.__module__}.{target.__qualname__}"
+    return Part({"_target_": name, **{key: _node(value) for key, value in arguments.items()}}, target.__qualname__)
+
+
 def as_part(value: Any, where: str) -> Any:
     """A node, or a mapping of nodes, as :class:`Part`; anything else as it is.
 
@@ -70,8 +83,8 @@ def as_part(value: Any, where: str) -> Any:
     Part(features: torch.nn.Identity)
     """
     value = plain(value)
-    if _is_node(value):
-        return Part(value, where)
+    if _is_node(value) or isinstance(value, Part):
+        return Part(_node(value), where)
     if isinstance(value, Mapping):
         return {name: as_part(child, _join(where, name)) for name, child in value.items()}
     return value
@@ -210,6 +223,8 @@ class _Walk:
         """What a value becomes where an annotation asks for ``hint``."""
         if _is_node(value):
             return self._node(value, where, hint)
+        if value is not None and not isinstance(value, bool | int | float | str | dict | list):
+            return value  # an object, which no file holds
         if isinstance(value, float) and not math.isfinite(value):
             raise ConfigError(f"{where} must be a finite number, got {value}.")
         kinds = held_by(value, hint) if isinstance(value, dict | list) else None
@@ -341,6 +356,14 @@ def _join(where: str, name: str) -> str:
 
 def _is_node(value: Any) -> bool:
     return isinstance(value, dict) and "_target_" in value
+
+
+def _node(value: Any) -> Any:
+    if isinstance(value, Part):
+        return value.node
+    if isinstance(value, Mapping):
+        return {name: _node(child) for name, child in value.items()}
+    return [_node(child) for child in value] if isinstance(value, list | tuple) else value
 
 
 def _shown(value: Any) -> str:

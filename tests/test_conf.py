@@ -17,63 +17,61 @@ CHECKOUT = Path(__file__).parents[1]
 CONF = Path(conf_dir())
 CHANGES = ("recipe", "ablation", "brief", "domain")  # what differs from the other groups' values
 
-LIVE = set(
-    [
-        "rewards",
-        "objectives",
-        "num_rewards",
-        "num_objectives",
-        "num_static",
-        "reward_bounds",
-        "action_spec",
-        "action_low",
-        "action_high",
-        "size",
-        "max_steps",
-        "world",
-        "scenes",
-        "robot",
-        "step_time",
-        "observe_human",
-        "sectors",
-        "lidar_range",
-        "max_turn",
-        "seed",
-        "device",
-        "sampler",
-        "make_env",
-        "offset",
-        "actor_network",
-        "qvalue_network",
-        "clones",
-        "loss",
-        "actor",
-        "total_updates",
-        "spec",
-        "std",
-        "annealing_num_steps",
-        "generator",
-        "collector",
-        "loss_module",
-        "optimization_stepper",
-        "replay_buffer",
-        "logger",
-        "directory",
-        "components",
-        "trainer",
-        "policy",
-        "exploration",
-        "evaluation",
-        "total_frames",
-        "demonstrators",
-        "scalarisation",
-        "inputs",
-        "epsilon",
-        "cache",
-        "config",
-        "progress_bar",
-    ]
-)
+LIVE = {
+    "rewards",
+    "objectives",
+    "num_rewards",
+    "num_objectives",
+    "num_static",
+    "reward_bounds",
+    "action_spec",
+    "action_low",
+    "action_high",
+    "size",
+    "max_steps",
+    "world",
+    "scenes",
+    "robot",
+    "step_time",
+    "observe_human",
+    "sectors",
+    "lidar_range",
+    "max_turn",
+    "seed",
+    "device",
+    "sampler",
+    "make_env",
+    "offset",
+    "actor_network",
+    "qvalue_network",
+    "clones",
+    "loss",
+    "actor",
+    "total_updates",
+    "spec",
+    "std",
+    "annealing_num_steps",
+    "generator",
+    "collector",
+    "loss_module",
+    "optimization_stepper",
+    "replay_buffer",
+    "logger",
+    "directory",
+    "components",
+    "trainer",
+    "policy",
+    "exploration",
+    "evaluation",
+    "total_frames",
+    "demonstrators",
+    "scalarisation",
+    "inputs",
+    "epsilon",
+    "cache",
+    "config",
+    "progress_bar",
+}
 LEFT_OUT = {  # arguments that have a default and no place in a file
     "bounds": "the action's, in place of its spec",
     "preference_key": "keys are those of the training",
@@ -88,6 +86,7 @@ LEFT_OUT = {  # arguments that have a default and no place in a file
     "max_tries": "of the scene sampler",
 }
 ANOTHER_VALUE = {  # where a class serves twice, or Python wants something else than the command line
+    "env/mo_gymnasium:.num_envs": "a training drives several, a user of the class one",
     "env/navigation:.num_envs": "one environment without a batch, as TorchRL's",
     "collector/ray:.init_random_frames": "TorchRL's own defaults",
     "collector/ray:.num_collectors": "TorchRL's own defaults",
@@ -156,7 +155,7 @@ def test_a_node_holds_arguments_of_its_class_with_their_defaults(name, where, no
         if not alike(value, defaults[key])
     }
     assert not other
-    if not inherits and name != "train":
+    if not inherits and name not in ("train", "collector/ray"):
         assert set(defaults) - set(given) <= LIVE | set(LEFT_OUT)
 
 
@@ -200,11 +199,11 @@ def main(cfg):
     OmegaConf.save(cfg, "composed.yaml")
     print(morlnav.__file__)
     assert "matplotlib" not in sys.modules, "who only takes parts should not wait for what draws"
-    env = instantiate(cfg.my.env)
+    env = instantiate(cfg.my.env, _convert_="all")  # lists and objects of dataclasses as they are
     sampler = instantiate(cfg.my.sampler)
     replay = instantiate(cfg.my.replay)
     def make(node, **live):  # what stands in no file is given later, as Hydra has it
-        return instantiate(node, _partial_=True)(**live)
+        return instantiate(node, _partial_=True, _convert_="all")(**live)
 
     shape = {"action_low": env.action_spec.low[0].tolist(), "action_high": env.action_spec.high[0].tolist()}
     actor = TensorDictModule(make(cfg.my.actor, **shape), ["observation", "preference"], ["action"])
@@ -299,7 +298,7 @@ def test_another_project_builds_our_parts_from_our_groups_under_its_own_names(in
     environment = os.environ | {"PYTHONPATH": str(package)}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    file, training = done.stdout.split()
+    file, *_, training = done.stdout.splitlines()
     assert Path(file).parent == package / "morlnav"
     assert training == "Training"
     assert configs(Path(file).parent / "conf") == configs(CHECKOUT / "conf")

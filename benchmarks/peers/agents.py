@@ -29,8 +29,7 @@ from torch import Tensor
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.data import preference_edges
 from morlnav.evaluation import reference_from_bounds
-from morlnav.modules import load_module
-from morlnav.navigation.envs import ENV_ID, DemonstrationObjective, NavigationEnv, Objective, default_objectives
+from morlnav.navigation.envs import ENV_ID, NavigationEnv, Objective, default_objectives
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
 from morlnav.navigation.modules import CircumnavigationOracle, NavigationFeatures
 
@@ -133,15 +132,6 @@ def evaluate(policy: Policy, objectives: dict[str, Objective], directory: Path, 
     return write_report(rollouts, directory, tuple(objectives), references=references, reference_point=reference)
 
 
-def objectives_with(reward: Path | None) -> dict[str, Objective]:
-    """Baseline, distance and efficiency; with a reward file also the demonstration, after the baseline."""
-    terms = default_objectives()
-    if reward is None:
-        return terms
-    demo = DemonstrationObjective(load_module(reward), scale=10.0, offset=-1.0)
-    return {"baseline": terms.pop("baseline"), "demo": demo, **terms}
-
-
 def compare(runs: list[Path]) -> str:
     """A Markdown table of evaluated runs, ours or theirs, that have the same objectives.
 
@@ -171,7 +161,6 @@ def main(words: list[str] | None = None) -> None:
     parser.add_argument("what", choices=[*AGENTS, "compare"])
     parser.add_argument("runs", type=Path, nargs="*", help="for compare: run directories with an evaluation")
     parser.add_argument("--minutes", type=float, default=12.0, help="time of the training on one core")
-    parser.add_argument("--reward", type=Path, help="a reward file, to learn from demonstrations too")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--episodes", type=int, default=100, help="scenes of the evaluation")
     parser.add_argument("--steps", type=int, default=10, help="steps between preferences")
@@ -198,7 +187,7 @@ def drive(args: argparse.Namespace) -> None:
             f"{args.steps}."
         )
     torch.set_num_threads(1)
-    objectives, directory = objectives_with(args.reward), args.output / args.what
+    objectives, directory = default_objectives(), args.output / args.what
     agent, record = train(args.what, 60 * args.minutes, objectives, args.seed)
     directory.mkdir(parents=True, exist_ok=True)
     torch.save(agent.policy.state_dict(), directory / "policy.pt")

@@ -28,7 +28,7 @@ from morlnav.record.colours import COLOURS, INK
 from morlnav.runs import make_training
 from morlnav.runs.run import OF_THE_COMMAND
 from morlnav.trainers import Training, live_objects
-from morlnav.trainers.drex import Policy
+from morlnav.trainers.stages import Policy
 
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000)

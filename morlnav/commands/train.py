@@ -30,7 +30,7 @@ from morlnav.cli import (
     keep_freed_memory,
     one_sentence_errors,
     quiet,
-    refuse_repeated_choices,
+    refuse_choices,
     set_threads,
 )
 from morlnav.config import check, plain, setting
@@ -177,7 +177,7 @@ def _keep_versions(path: Path, resumed: bool) -> None:
 def _main(cfg: DictConfig) -> float:
     # Here too, for Hydra would add a line of its own to an error that leaves this function.
     with one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
-        refuse_repeated_choices(HydraConfig.get().overrides.task)
+        refuse_choices(HydraConfig.get().overrides.task)
         finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too

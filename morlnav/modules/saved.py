@@ -41,9 +41,9 @@ def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
         (1, {'objectives': ['fast', 'safe']})
     """
     check_weights(model, str(path))
-    path = Path(path)
+    path, description = Path(path), {"model": _describe(model), "facts": dict(facts or {})}
+    json.dumps(description)  # which may fail, so before anything is written
     path.parent.mkdir(parents=True, exist_ok=True)
-    description = {"model": _describe(model), "facts": dict(facts or {})}
     unfinished = path.with_name(f"{path.name}.part")
     torch.save(model.state_dict(), unfinished)
     _write(path, description | {"sha256": _digest(unfinished)})

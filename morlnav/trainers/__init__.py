@@ -1,10 +1,11 @@
 """Training: the parts' wiring, the optimisation step, hooks for TorchRL's trainer, and learning from demonstrations."""
 
 from morlnav.trainers.divergence import StopDivergence
-from morlnav.trainers.drex import DREX, Cloning, Demonstrations, LearnedReward, Ranking
+from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import AnnealDiscount, EvaluatePolicy, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.interpolation import FitInterpolator
 from morlnav.trainers.live import live_objects
+from morlnav.trainers.stages import Cloning, Demonstrations, Ranking
 from morlnav.trainers.stepper import MORLTD3Stepper, linear_decay
 from morlnav.trainers.supervised import Fit
 from morlnav.trainers.trainer import MORLTrainer

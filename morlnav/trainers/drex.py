@@ -1,207 +1,28 @@
-"""D-REX (Sec. III-C) in any environment: demonstrations, clone, ranked roll-outs, reward, audit; each stage cached."""
+"""D-REX (Sec. III-C) in any environment: its stages one after another, each cached, and the audit of the rewards."""
 
 from __future__ import annotations
 
 import shutil
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from tensordict import TensorDict
-from tensordict.nn import TensorDictModule
-from torch import Tensor, nn
+from torch import nn
 from torchrl.envs import EnvBase
 from torchrl.record.loggers import Logger
 
-from morlnav.config import Part, classes, supply
-from morlnav.data import SnippetPairs, roll_out_ranked
-from morlnav.modules import NormalisedReward, RewardEnsemble, load_module, read_facts, save_module
-from morlnav.objectives import BehaviourCloningLoss, RankingLoss
+from morlnav.config import classes, supply
+from morlnav.modules import load_module, read_facts, save_module
 from morlnav.trainers.cache import Cache
 from morlnav.trainers.live import live_objects
-from morlnav.trainers.supervised import Fit
+from morlnav.trainers.stages import Cloning, Demonstrations, Policy, Ranking
 from morlnav.transforms import DemonstrationReward
 
 CLONE_FILE = "clone.pt"
 REWARD_FILE = "reward.pt"
-Policy = Callable[[Tensor], Tensor]
-
-
-class Demonstrations(ABC):
-    """Where demonstrations come from, and how they are kept.
-
-    Attributes:
-        policy: who demonstrated, from observations ``[B, D]`` to actions ``[B, A]``; ``None`` if nobody can be asked.
-    """
-
-    policy: Policy | None = None
-
-    key: str = ""
-    """What they depend on beyond their config, such as a hash of files."""
-
-    @abstractmethod
-    def collect(self, num: int) -> TensorDict:
-        """Transitions ``[N]`` with ``observation``, ``action`` (the label) and ``episode``, which counts from 0.
-
-        Args:
-            num: episodes that are wanted, where they are made.
-        """
-
-    def save(self, data: TensorDict, path: Path) -> None:
-        """Keep them in a folder."""
-        data.memmap(path, copy_existing=True)
-
-    def load(self, path: Path) -> TensorDict:
-        """What :meth:`save` kept."""
-        return TensorDict.load_memmap(path).clone()
-
-    def judge(self, clone: Policy, data: TensorDict) -> tuple[dict[str, Any], list[str]]:
-        """Facts about a clone that stands in for a demonstrator who cannot be asked, and reasons against it."""
-        return {}, []
-
-
-class Cloning:
-    """Behaviour cloning of the demonstrations.
-
-    Args:
-        actor: the network, from observations to actions.
-        fit: how it is trained.
-        loss_function: ``"l2"`` or ``"smooth_l1"``.
-        batch_size: rows of an update.
-        held_out: share of the episodes that is never trained on, from 0 to 1.
-
-    Raises:
-        ValueError: for numbers out of range.
-    """
-
-    def __init__(
-        self,
-        actor: Part[nn.Module],
-        fit: Fit,
-        loss_function: Literal["l2", "smooth_l1"] = "l2",
-        batch_size: int = 512,
-        held_out: float = 0.05,
-    ) -> None:
-        if batch_size < 1:
-            raise ValueError(f"batch_size must be at least 1, got {batch_size}.")
-        if not 0 <= held_out < 1:
-            raise ValueError(f"held_out must be from 0 to below 1, got {held_out}.")
-        self.actor, self.fit = actor, fit
-        self.loss_function, self.batch_size, self.held_out = loss_function, batch_size, held_out
-
-    def __call__(self, data: TensorDict, live: Mapping[str, Any], **display: Any) -> nn.Module:
-        """A clone of whoever drove ``data`` ``[N]``, in evaluation mode."""
-        actor = supply(self.actor, **{**live, "num_objectives": 0})
-        loss = BehaviourCloningLoss(
-            TensorDictModule(actor, ["observation"], ["action"]),
-            bounds=(torch.tensor(live["action_low"]), torch.tensor(live["action_high"])),
-            loss_function=self.loss_function,
-        )
-        rows, count = data.select("observation", "action"), int(data["episode"].max()) + 1
-        last = data["episode"] >= max(1, int((1 - self.held_out) * count))
-        train, held_out = rows[~last], rows[last] if count > 1 else rows
-        self.fit(loss, lambda: train[torch.randint(len(train), (self.batch_size,))], held_out, **display)
-        return actor.eval()
-
-
-class Ranking:
-    """A reward from roll-outs of the clone, ranked by the noise on its actions.
-
-    Args:
-        noise: on the clone's actions, called with levels ``epsilon`` ``[B]``.
-        model: a reward model, made once for each member with what it reads as ``inputs``.
-        fit: how the models are trained.
-        levels: of the noise, ascending.
-        episodes: roll-outs per level.
-        snippet: steps that are compared; ``None`` compares whole roll-outs.
-        aggregate: ``"mean"`` or ``"sum"`` over a snippet.
-        temperature: a pair's logit is this times the difference.
-        batch_size: pairs of an update.
-        held_out: share of the roll-outs that is never trained on.
-        members: what each member of the ensemble reads.
-        reduce: ``"pessimistic"`` or ``"mean"``.
-        normalise: stretch the reward so that demonstrated steps are nearly free.
-
-    Raises:
-        ValueError: for numbers out of range, or values that contradict each other.
-    """
-
-    def __init__(
-        self,
-        noise: Part[nn.Module],
-        model: Part[nn.Module],
-        fit: Fit,
-        levels: Sequence[float],
-        episodes: int = 200,
-        snippet: int | None = 5,
-        aggregate: Literal["mean", "sum"] = "mean",
-        temperature: float = 10.0,
-        batch_size: int = 160,
-        held_out: float = 0.1,
-        members: Sequence[Sequence[str]] = (("observation",),) * 3 + (("observation", "action"),) * 3,
-        reduce: Literal["mean", "pessimistic"] = "pessimistic",
-        normalise: bool = True,
-    ) -> None:
-        for name, value in {"episodes": episodes, "batch_size": batch_size, "snippet": snippet or 1}.items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}.")
-        if snippet == 0:
-            raise ValueError("snippet must be at least 1, or null for whole roll-outs, got 0.")
-        if len(levels) < 2 or list(levels) != sorted(set(levels)) or levels[0] < 0:
-            raise ValueError(f"levels must be two or more and ascend from 0, got {list(levels)}.")
-        if normalise and levels[0] > 0:
-            raise ValueError(f"normalise needs roll-outs without noise; begin levels with 0, not {levels[0]}.")
-        if temperature <= 0:
-            raise ValueError(f"temperature must be positive, got {temperature}.")
-        self.split = max(1, int((1 - held_out) * episodes))
-        if not 0 <= held_out < 1 or self.split >= episodes:
-            raise ValueError(
-                f"held_out={held_out} keeps none of {episodes} episodes per level to choose the reward by; change one."
-            )
-        if len(members) < (2 if reduce == "pessimistic" else 1):
-            raise ValueError(f"The {reduce} ensemble needs more than {len(members)} members.")
-        self.noise, self.model, self.fit = noise, model, fit
-        self.levels, self.episodes, self.snippet = list(levels), episodes, snippet
-        self.aggregate, self.temperature, self.batch_size = aggregate, temperature, batch_size
-        self.members, self.reduce, self.normalise = members, reduce, normalise
-
-    def try_parts(self, live: Mapping[str, Any]) -> None:
-        """Make noise and models once, to find out what they refuse before anything is rolled out."""
-        supply(self.noise, **{**live, "epsilon": torch.zeros(1)})
-        for inputs in self.members:
-            supply(self.model, **{**live, "inputs": list(inputs)})
-
-    def roll_out(self, clone: Policy, make_env: Callable[[int], EnvBase], live: Mapping[str, Any]) -> TensorDict:
-        """The clone under every noise level, ``[levels, episodes, T]``."""
-        return roll_out_ranked(
-            clone,
-            make_env,
-            lambda levels: supply(self.noise, **{**live, "epsilon": levels}),
-            self.levels,
-            self.episodes,
-            live["max_steps"],
-        )
-
-    def __call__(self, rollouts: TensorDict, live: Mapping[str, Any], **display: Any) -> tuple[nn.Module, dict]:
-        """The reward model, and its held-out scores."""
-        train = SnippetPairs(rollouts[:, : self.split], self.snippet)
-        held_out = SnippetPairs(rollouts[:, self.split :], self.snippet).sample(512)
-        members = [supply(self.model, **{**live, "inputs": list(inputs)}) for inputs in self.members]
-        networks = [TensorDictModule(member, ["observation", "action"], ["reward"]) for member in members]
-        loss = RankingLoss(networks, aggregate=self.aggregate, temperature=self.temperature)
-        scores = self.fit(
-            loss, lambda: torch.stack([train.sample(self.batch_size) for _ in members]), held_out, **display
-        )
-        model = RewardEnsemble(members, reduce=self.reduce) if len(members) > 1 else members[0]
-        if self.normalise:
-            mask = rollouts["mask"]
-            clean = torch.zeros_like(mask)
-            clean[0] = True
-            model = NormalisedReward(model).fit(rollouts["observation"][mask], rollouts["action"][mask], clean[mask])
-        return model, scores
 
 
 @dataclass

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import torch
@@ -11,7 +12,7 @@ from torch import nn, optim
 from torch.optim.lr_scheduler import LambdaLR, LRScheduler
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torchrl.data import PrioritizedSampler
-from torchrl.objectives import TD3Loss
+from torchrl.objectives import SoftUpdate, TD3Loss
 from torchrl.objectives.utils import TargetNetUpdater
 from torchrl.trainers.algorithms.td3 import TD3OptimizationStepper
 from torchrl.trainers.trainers import Trainer
@@ -20,6 +21,39 @@ from morlnav.config import Part, setting, supply, takes
 from morlnav.objectives import MORLTD3Loss
 
 TD3_KEYS = frozenset(TD3Loss.out_keys)
+
+
+def linear_decay(optimizer: optim.Optimizer, total_steps: int, start: float = 0.5, end: float = 0.02) -> LambdaLR:
+    """A learning rate that is constant at first, and then falls linearly.
+
+    Args:
+        optimizer: whose rate it is.
+        total_steps: updates of the run.
+        start: share of the updates after which it falls ...
+        end: ... to this share of its value.
+
+    Raises:
+        ValueError: unless both are shares.
+
+    Examples:
+        >>> optimizer = torch.optim.SGD([torch.zeros(1)], lr=1.0)
+        >>> schedule = linear_decay(optimizer, total_steps=4, start=0.5, end=0.0)
+        >>> for _ in range(3):
+        ...     optimizer.step()
+        ...     schedule.step()
+        >>> schedule.get_last_lr()
+        [0.5]
+    """
+    if not 0 <= start < 1:
+        raise ValueError(f"start must be from 0 to below 1, got {start}.")
+    if not 0 <= end <= 1:
+        raise ValueError(f"end must be from 0 to 1, got {end}.")
+
+    def factor(step: int) -> float:
+        progress = step / total_steps
+        return 1.0 if progress <= start else max(end, 1 - (1 - end) * (progress - start) / (1 - start))
+
+    return LambdaLR(optimizer, factor)
 
 
 class MORLTD3Stepper(TD3OptimizationStepper):
@@ -51,10 +85,10 @@ class MORLTD3Stepper(TD3OptimizationStepper):
 
     def __init__(
         self,
-        optimizer_actor: Part[optim.Optimizer],
-        optimizer_critic: Part[optim.Optimizer],
-        target_net_updater: Part[TargetNetUpdater],
-        schedule: Part[LRScheduler] | None = None,
+        optimizer_actor: Part[optim.Optimizer] = partial(optim.Adam, lr=5e-4, fused=True),  # noqa: B008
+        optimizer_critic: Part[optim.Optimizer] = partial(optim.Adam, lr=1e-3, fused=True),  # noqa: B008
+        target_net_updater: Part[TargetNetUpdater] = partial(SoftUpdate, tau=0.05),  # noqa: B008
+        schedule: Part[LRScheduler] | None = linear_decay,
         policy_update_delay: int = 2,
         average_decay: float = 0.9995,
         *,
@@ -136,36 +170,3 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         if name in self.schedulers:
             self.schedulers[name].step()
         return norm.detach()
-
-
-def linear_decay(optimizer: optim.Optimizer, total_steps: int, start: float = 0.5, end: float = 0.02) -> LambdaLR:
-    """A learning rate that is constant at first, and then falls linearly.
-
-    Args:
-        optimizer: whose rate it is.
-        total_steps: updates of the run.
-        start: share of the updates after which it falls ...
-        end: ... to this share of its value.
-
-    Raises:
-        ValueError: unless both are shares.
-
-    Examples:
-        >>> optimizer = torch.optim.SGD([torch.zeros(1)], lr=1.0)
-        >>> schedule = linear_decay(optimizer, total_steps=4, start=0.5, end=0.0)
-        >>> for _ in range(3):
-        ...     optimizer.step()
-        ...     schedule.step()
-        >>> schedule.get_last_lr()
-        [0.5]
-    """
-    if not 0 <= start < 1:
-        raise ValueError(f"start must be from 0 to below 1, got {start}.")
-    if not 0 <= end <= 1:
-        raise ValueError(f"end must be from 0 to 1, got {end}.")
-
-    def factor(step: int) -> float:
-        progress = step / total_steps
-        return 1.0 if progress <= start else max(end, 1 - (1 - end) * (progress - start) / (1 - start))
-
-    return LambdaLR(optimizer, factor)

@@ -135,7 +135,10 @@ def test_resuming_from_a_place_without_checkpoints_says_so(path, tmp_path):
     ("override", "sentence"),
     [
         ("+trainer.totl_frames=3", r"trainer\.totl_frames is no argument of .*; did you mean total_frames\?"),
-        ("objectives=[distance,baseline]", "Static objectives must come before tuneable ones"),  # only its class can tell
+        (
+            "objectives=[distance,baseline]",
+            "Static objectives must come before tuneable ones",
+        ),  # only its class can tell
         ("hooks.discount.start=0.999", r"hooks\.discount.* 0 <= start <= end <= 1"),  # built last of all
     ],
 )

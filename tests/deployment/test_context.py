@@ -139,8 +139,9 @@ def test_a_constant_schedule_is_a_fixed_preference(smoke_run):
 def test_a_route_is_evaluated_beside_its_rooms(smoke_run, tmp_path):
     file = write(tmp_path, "kitchen: {distance: 1}\ncorridor: {efficiency: 1}")
     run = Run(smoke_run, changes={"episodes": 2})
-    table = pd.read_csv(evaluate_route(run, file, {0: "corridor", 4: "kitchen"}, tmp_path))
-    assert table["room"].tolist() == ["kitchen", "corridor", "corridor from 0 s, kitchen from 4 s"]
+    rooms = pd.read_csv(evaluate_route(run, file, {0: "corridor", 4: "kitchen"}, tmp_path))
+    assert rooms["room"].tolist() == ["kitchen", "corridor", "corridor from 0 s, kitchen from 4 s"]
+    assert rooms["episodes"].tolist() == [2, 2, 2]
 
 
 @pytest.mark.parametrize("word", ["kitchen", "kitchen:6", "6:", ":kitchen"])

@@ -179,8 +179,7 @@ def test_a_sweep_resolves_nothing_and_builds_nothing(tmp_path, monkeypatch):
 
 def test_trust_builds_ones_own(kept_run, change_config, tmp_path):
     (tmp_path / "my_parts.py").write_text(
-        "from morlnav.navigation.evaluation import NavigationEvaluation\n\n\n"
-        "class Mine(NavigationEvaluation):\n    pass\n"
+        "from morlnav.navigation.evaluation import NavigationEvaluation as Ours\n\n\nclass Mine(Ours):\n    pass\n"
     )
     change_config("evaluation._target_", "my_parts.Mine")
     with pytest.raises(ValueError, match=r"foreign my_parts\.Mine"):

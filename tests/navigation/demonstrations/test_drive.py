@@ -13,7 +13,6 @@ pygame = pytest.importorskip("pygame")
 from morlnav.commands import record
 from morlnav.navigation.demonstrations import (
     demonstration_settings,
-    drive,
     export_demonstrations,
     load_demonstrations,
     record_demonstrations,
@@ -155,7 +154,7 @@ def test_however_it_ends_what_arrived_is_saved(end, tmp_path, monkeypatch, capsy
                     raise KeyboardInterrupt
                 press("escape") if end == "escape" else pygame.event.post(pygame.event.Event(pygame.QUIT))
 
-    monkeypatch.setattr(drive, "Recorder", Hasty)
+    monkeypatch.setattr(record, "Recorder", Hasty)
     monkeypatch.setattr(sys, "argv", ["morlnav-record", str(tmp_path / "mine"), "--size", "300", "200"])
     if end == "crash":
         with pytest.raises(SystemExit, match="Interrupted"):

@@ -168,7 +168,7 @@ def test_with_nothing_to_propose_nothing_is_added():
 
 def test_wrong_settings_are_named():
     for make, sentence in (
-        (lambda: Search(proposals=0), "at least one action, got 0 proposals"),
+        (lambda: Search(proposals=0), "proposals must be at least 1, got 0"),
         (lambda: Search(coefficient=-1.0), "must not be negative, got -1.0"),
         (lambda: Guidance(coefficient=-1.0), "must not be negative, got -1.0 and 4.0"),
         (

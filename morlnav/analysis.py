@@ -35,7 +35,7 @@ def load_run(directory: str | Path) -> pd.DataFrame:
         >>> from morlnav.record.loggers import TensorboardCSVLogger
         >>> directory = Path(tempfile.mkdtemp(), "first")
         >>> TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.5, step=10)
-        >>> OmegaConf.save({"seed": 0}, directory / "config.yaml")
+        >>> _ = (directory / "config.yaml").write_text("seed: 0")
         >>> load_run(directory)
              run         metric  step  value
         0  first  train/success    10    0.5
@@ -67,7 +67,7 @@ def load_sweep(source: Runs) -> pd.DataFrame:
         >>> sweep = Path(tempfile.mkdtemp())
         >>> for seed in (0, 1):
         ...     TensorboardCSVLogger("logs", sweep / f"seed={seed}").log_scalar("train/success", seed / 2, step=10)
-        ...     OmegaConf.save({"seed": seed}, sweep / f"seed={seed}" / "config.yaml")
+        ...     _ = (sweep / f"seed={seed}" / "config.yaml").write_text(f"seed: {seed}")
         >>> load_sweep(sweep)
               run  seed         metric  step  value
         0  seed=0     0  train/success    10    0.0

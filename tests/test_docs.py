@@ -13,7 +13,6 @@ from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import get_object
 
-import morlnav
 from morlnav.cli import conf_dir
 from morlnav.commands.train import main as morlnav_train
 from morlnav.config import check, plain
@@ -157,6 +156,7 @@ def test_all_of_them_train_together_and_load_if_trusted(my_parts, monkeypatch):
     monkeypatch.setattr(sys, "argv", [*commands(EXTENDING)[-1], "threads=1", "trainer.progress_bar=false"])
     monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
     morlnav_train()
-    with pytest.raises(ValueError, match="foreign class my_parts"):
-        morlnav.load("outputs/mine")
+    monkeypatch.setattr(sys, "argv", ["morlnav-train", "resume=outputs/mine"])
+    with pytest.raises(ValueError, match=r"foreign .*my_parts"):
+        morlnav_train()
     exec(compile((my_parts / "later.py").read_text(), "later.py", "exec"), {})

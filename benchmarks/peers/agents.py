@@ -28,7 +28,7 @@ from torch import Tensor
 
 from morlnav.cli import one_sentence_errors, quiet
 from morlnav.data import preference_edges
-from morlnav.evaluation import reference_from_bounds
+from morlnav.evaluation import expected_utility, hypervolume, reference_from_bounds
 from morlnav.navigation.envs import ENV_ID, NavigationEnv, Objective, default_objectives
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
 from morlnav.navigation.modules import CircumnavigationOracle, NavigationFeatures
@@ -148,10 +148,18 @@ def compare(runs: list[Path]) -> str:
         line = {"run": run.as_posix(), **{f"{name} %": f"{summary[name].mean():.1f}" for name in ("SR", "CR", "TR")}}
         line |= {"min d_h at distance": f"{far['min_human_distance']:.2f} m"}
         line |= {"time at efficiency": "–" if pd.isna(fast["navigation_time"]) else f"{fast['navigation_time']:.1f} s"}
-        line |= {"hypervolume": f"{front['hypervolume'][0]:.3g}", "utility": f"{front['expected_utility'][0]:.0f}"}
+        line |= _quality(front)
         lines.append(line)
     heading = [list(lines[0]), ["--"] * len(lines[0])]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in [*heading, *(line.values() for line in lines)])
+
+
+def _quality(front: pd.DataFrame) -> dict[str, str]:
+    """Hypervolume and expected utility, with one reference point and the weights ``(1, λ)`` for all runs."""
+    returns, preferences = (torch.tensor(front.filter(regex=f"^{kind}_").values) for kind in ("return", "lambda"))
+    reference = reference_from_bounds(NavigationEnv().reward_bounds, max_steps=250)
+    volume, utility = hypervolume(returns, reference.double()), expected_utility(returns, preferences)
+    return {"hypervolume": f"{volume:.3g}", "utility": f"{utility:.0f}"}
 
 
 def main(words: list[str] | None = None) -> None:

@@ -14,7 +14,7 @@ from tensordict.nn import TensorDictModule
 from torchrl.collectors import BaseCollector
 from torchrl.envs import EnvBase
 
-from morlnav.config import Part, supply, takes
+from morlnav.config import ConfigError, Part, supply, takes
 
 
 def num_workers(collector: Part[BaseCollector] | Callable[..., BaseCollector]) -> int:
@@ -64,8 +64,9 @@ def make_collector(
     makers = [partial(_make_workers_env, make_env, share, worker, seed * workers + worker) for worker in range(workers)]
     try:
         return supply(collector, create_env_fn=makers, **live)
-    except RuntimeError as error:
-        if not isinstance(error.__cause__, EOFError):
+    except (RuntimeError, ConfigError) as error:
+        causes = error, error.__cause__ or error, getattr(error.__cause__, "__cause__", None)
+        if not any(isinstance(cause, EOFError) for cause in causes):
             raise
         traceback.clear_frames(error.__traceback__)  # what is left of the collector would hang at exit
         message = "A collecting process died at its start; for lack of memory? Then lower collector.num_collectors."

@@ -28,7 +28,7 @@ def test_a_quick_benchmark_measures_ours_and_writes_its_files(tmp_path, capsys):
         (["--batches", "64", "0"], "Needed are .* batches >= 1, got .* 64, 0"),
         (["--seconds", "-1"], "Needed are .* seconds >= 0"),
         (["--seconds", "nan"], "Needed are .* seconds >= 0"),
-        (["--threads", "0"], "at least one thread"),
+        (["--threads", "0"], "threads must be from 1 to 1024, got 0"),
         (["--device", "tpus"], "There is no device tpus"),
         (["--runs", "nowhere"], "nowhere is not a run directory"),
     ],

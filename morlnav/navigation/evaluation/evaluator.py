@@ -163,6 +163,7 @@ class NavigationEvaluation(Evaluation):
             world=self.env.world,
             references=self.references(scenes),
             reference_point=self.reference,
+            scalarisation=self.scalarisation,
         )
 
     def show(self, output: Path, directory: Path) -> None:

@@ -9,6 +9,7 @@ import pandas as pd
 from torch import Tensor
 
 from morlnav.evaluation.front import describe_front, front_table
+from morlnav.evaluation.pareto import Scalarisation
 from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_column
 from morlnav.navigation.evaluation.rollout import Rollouts
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise, tuneable_objectives
@@ -41,6 +42,7 @@ def write_report(
     world: World | None = None,
     references: Sequence[Tensor] | Mapping[str, Sequence[Tensor]] | None = None,
     reference_point: Tensor | None = None,
+    scalarisation: Scalarisation | None = None,
     scenes: Sequence[int] = (0, 1, 2),
 ) -> str:
     """Write tables and figures of an evaluation, and return the table that a person reads first.
@@ -58,6 +60,7 @@ def write_report(
             the name of their objective.
         reference_point: of the hypervolume, ``[m]``, such as :func:`~morlnav.evaluation.reference_from_bounds` gives;
             without it, or where an entry is not finite, there is no hypervolume.
+        scalarisation: weighs the returns in the expected utility, as the loss does; ``None`` takes ``[1, λ]``.
         scenes: the scenes whose trajectories are drawn, as far as there are so many.
 
     Returns:
@@ -71,7 +74,11 @@ def write_report(
     summary, faithful = summarise(frame), fidelity(frame)
     unknown = [] if reference_point is None else _unknown(reference_point, rewards)
     front = front_table(
-        rollouts.preference[:, 0], rollouts.reward.double().sum(-2), rewards, None if unknown else reference_point
+        rollouts.preference[:, 0],
+        rollouts.reward.double().sum(-2),
+        rewards,
+        None if unknown else reference_point,
+        scalarisation,
     )
     table = _table(summary, overall(frame), faithful, front)
     if unknown:

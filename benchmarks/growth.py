@@ -110,6 +110,6 @@ def with_objectives(cfg: DictConfig, count: int) -> DictConfig:
         cfg.env.objectives = {name: terms[name] for name in names[:count]} | {
             f"objective_{index}": terms[names[-1]] for index in range(len(names), count)
         }
-        cfg.loss.scalarisation |= {"scale": 1.0, "tie_break": 0.0}  # those of the recipe name its own objectives
+        cfg.loss.scalarisation.update({"scale": 1.0, "tie_break": 0.0})  # those of the recipe name its own objectives
         cfg.hooks.discount.end = 0.99
     return cfg

@@ -232,7 +232,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_anew(finished)
 
 
 def test_a_reward_is_used_by_the_config_that_it_was_learned_by_alone(tmp_path):
-    demo = [*BRIEF, DEMONSTRATED, *TINY, "evaluation.episodes=1"]
+    demo = [*TINY, *BRIEF, DEMONSTRATED, "transforms.time_limit.max_steps=100"]
     began, cache = tmp_path / "run", f"cache={tmp_path / 'cache'}"
     run(configure(*demo, cache), began)
     reward, resume = read_facts(began / "reward.pt"), f"resume='{began}'"

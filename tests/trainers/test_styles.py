@@ -166,7 +166,7 @@ def test_recorded_demonstrations_may_be_those_of_the_run(tmp_path):
     source = pipeline_of(*overrides, f"{folder}={tmp_path / 'recording'}", "rewards.demonstrations.demo.replay=true")
     data = source.demonstrations["demo"].collect(5)
     assert data["episode"].unique().tolist() == list(range(5))  # replayed among other boxes
-    with pytest.raises(ValueError, match="holds no demonstrations"):
+    with pytest.raises(FileNotFoundError, match="nowhere holds no demonstrations"):
         pipeline_of(*overrides, f"{folder}={tmp_path / 'nowhere'}")
 
 

@@ -9,14 +9,13 @@ from functools import cache
 from pathlib import Path
 
 import torch
-from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 from tensordict import TensorDictBase
 from torch import Tensor, nn
 from torchrl.trainers.trainers import Trainer
 
 from benchmarks.timing import Effort
-from morlnav.cli import conf_dir
+from morlnav import cli
 from morlnav.config import supply
 from morlnav.runs import make_training
 from morlnav.trainers import live_objects
@@ -59,8 +58,7 @@ def composed(*overrides: str) -> DictConfig:
     >>> composed("trainer.optim_steps_per_batch=3").trainer.optim_steps_per_batch
     3
     """
-    with initialize_config_dir(conf_dir(), version_base="1.3"):
-        return compose("train", [*UNDISTURBED, *overrides])
+    return cli.composed([*UNDISTURBED, *overrides])
 
 
 def recipe(effort: Effort, *overrides: str) -> DictConfig:

@@ -18,11 +18,11 @@ import torch
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException, HydraException, InstantiationException, MissingConfigException
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torchrl.checkpoint import CheckpointError
 
-from morlnav.config import nearest
+from morlnav.config import first_line, nearest
 
 MOST_THREADS = 1024
 """With a million, OpenMP ends the process without a word."""
@@ -36,6 +36,16 @@ def conf_dir() -> str:
     """
     inside = Path(__file__).parent / "conf"
     return str(inside if inside.is_dir() else Path(__file__).parents[1] / "conf")
+
+
+def composed(words: Sequence[str] = ()) -> DictConfig:
+    """The config of ``morlnav-train`` with these words.
+
+    >>> composed(["seed=3"]).seed
+    3
+    """
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        return compose("train", list(words))
 
 
 def quiet() -> None:
@@ -102,12 +112,12 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
     except KeyboardInterrupt:
         sys.exit("Interrupted.")
     except InstantiationException as error:
-        sys.exit(_first_line(error.__cause__ or error))
+        sys.exit(first_line(error.__cause__ or error))
     except MissingConfigException as error:
         sys.exit(_unknown_choice(str(error.missing_cfg_file), error.options))
     except ConfigCompositionException as error:
         key = re.search(r"Could not override '(.+?)'", str(error))
-        sys.exit(_unknown_key(key[1]) if key else _first_line(error))
+        sys.exit(_unknown_key(key[1]) if key else first_line(error))
     except (
         ValueError,
         OSError,
@@ -116,7 +126,7 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
         HydraException,
     ) as error:
         no_choice = str(error).startswith("Config group override must be")
-        sys.exit(_no_choice(sys.argv[1:]) if no_choice else _first_line(error))
+        sys.exit(_no_choice(sys.argv[1:]) if no_choice else first_line(error))
 
 
 def _nobody_reads() -> bool:
@@ -126,10 +136,6 @@ def _nobody_reads() -> bool:
     poll = select.poll()
     poll.register(sys.stdout.fileno(), 0)
     return bool(poll.poll(0))
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 def _choices(group: str) -> list[str]:
@@ -169,8 +175,7 @@ def refuse_choices(words: Sequence[str]) -> None:
 
 
 def _unknown_key(key: str) -> str:
-    with initialize_config_dir(conf_dir(), version_base="1.3"):
-        cfg = compose("train")
+    cfg = composed()
     parent, _, name = key.rpartition(".")
     node = OmegaConf.select(cfg, parent, throw_on_missing=False) if parent else cfg
     if not OmegaConf.is_dict(node):

@@ -292,7 +292,7 @@ class _Signature:
         try:
             target = get_object(name)
         except Exception as error:
-            raise ConfigError(f"{key}: there is no {name} ({_cause(error)}){_beside(name)}") from error
+            raise ConfigError(f"{key}: there is no {name} ({first_line(causes(error)[-1])}){_beside(name)}") from error
         if not callable(target):
             raise ConfigError(f"{key}: {name} is a {type(target).__name__}, which cannot be called.")
         return cls(name, target)
@@ -310,7 +310,7 @@ class _Signature:
         except (ConfigError, OSError):  # say where already
             raise
         except Exception as error:
-            message = _first_line(error)
+            message = first_line(error)
             if not isinstance(error, TypeError | ValueError):
                 message = f"{type(error).__name__}: {message}"
             separator = "." if re.split(r"[^\w]", message)[0] in self.parameters else ": "
@@ -374,11 +374,21 @@ def _shown(value: Any) -> str:
     return repr(value)
 
 
-def _cause(error: BaseException) -> str:
-    while error.__cause__ is not None:
-        error = error.__cause__
-    return _first_line(error)
+def causes(error: BaseException) -> list[BaseException]:
+    """An error and all that it was raised from, the first of them last.
+
+    >>> error = ValueError("actor: no such file")
+    >>> error.__cause__ = OSError("no such file")
+    >>> causes(error)
+    [ValueError('actor: no such file'), OSError('no such file')]
+    """
+    return [error, *(causes(error.__cause__) if error.__cause__ is not None else [])]
 
 
-def _first_line(error: BaseException) -> str:
+def first_line(error: BaseException) -> str:
+    """What an error says, in one line; its kind where it says nothing.
+
+    >>> first_line(ValueError("Too long. \\n See below.")), first_line(KeyError())
+    ('Too long.', 'KeyError')
+    """
     return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
-from hydra import compose, initialize_config_dir
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from morlnav.cli import conf_dir, one_sentence_errors, quiet, set_threads
-from morlnav.config import check, plain, setting
+from morlnav.cli import composed, one_sentence_errors, quiet, set_threads
+from morlnav.config import setting
 from morlnav.evaluation import eval_env
 from morlnav.navigation.audit import Behaviour
 from morlnav.navigation.audit.noise import noisy_rollouts
@@ -26,7 +25,6 @@ from morlnav.navigation.record.plots import _tidy
 from morlnav.navigation.world import Scene
 from morlnav.record.colours import COLOURS, INK
 from morlnav.runs import make_training
-from morlnav.runs.run import OF_THE_COMMAND
 from morlnav.trainers import Training, live_objects
 from morlnav.trainers.stages import Policy
 
@@ -49,8 +47,8 @@ class Studies:
         self.training, self.env = training, eval_env(training.make_env({}, num_envs=1))
         self.max_steps, self.seed = live_objects(self.env)["max_steps"], training.seed
         self.world = self.env.base_env.world
-        names = training.pipeline().names if training.rewards is not None else []
-        self.demonstrator = training.pipeline().demonstrations[names[0]].policy if names else None
+        sources = training.pipeline().demonstrations.values() if training.rewards is not None else []
+        self.demonstrator = next((source.policy for source in sources), None)
         if self.demonstrator is None:
             raise ValueError("morlnav-clone measures a clone against its demonstrator, and nobody can be asked here.")
         self.scenes = self._free_scenes(episodes)
@@ -158,12 +156,9 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path("outputs/clone"), help="default: outputs/clone")
     args = parser.parse_intermixed_args()
     with one_sentence_errors():
-        with initialize_config_dir(conf_dir(), version_base="1.3"):
-            cfg = compose("train", args.overrides)
+        cfg = composed(args.overrides)
         set_threads(cfg.threads)
-        config = plain(cfg)
-        check({name: value for name, value in config.items() if name not in OF_THE_COMMAND})
-        studies = Studies(make_training(config), args.episodes)
+        studies = Studies(make_training(cfg), args.episodes)
         table = studies.noise(hold=args.hold) if args.study == "noise" else studies.number()
         args.output.mkdir(parents=True, exist_ok=True)
         table.to_csv(args.output / f"{args.study}.csv", index=False)

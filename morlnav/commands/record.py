@@ -5,10 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hydra import compose, initialize_config_dir
 from tensordict import TensorDict
 
-from morlnav.cli import conf_dir, one_sentence_errors, quiet
+from morlnav.cli import composed, one_sentence_errors, quiet
 from morlnav.config import build, check, plain
 from morlnav.navigation.demonstrations import import_demonstrations, load_demonstrations
 from morlnav.navigation.demonstrations.drive import Recorder, add_demonstrations
@@ -61,8 +60,7 @@ def main() -> None:
     parser.add_argument("--size", type=int, nargs=2, default=(1000, 700), help="of the window in pixels")
     args = parser.parse_intermixed_args()
     with one_sentence_errors(own_classes=True):
-        with initialize_config_dir(conf_dir(), version_base="1.3"):
-            node = plain(compose("train", args.overrides).env)
+        node = plain(composed(args.overrides).env)
         check(node, "env", ("seed",), NavigationEnv)
         env = build(node | {"num_envs": 1}, "env", seed=args.seed).eval()
         args.folder.parent.mkdir(parents=True, exist_ok=True)

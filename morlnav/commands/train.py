@@ -38,7 +38,6 @@ from morlnav.record.progress import stage
 from morlnav.runs import Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
 from morlnav.runs.resuming import resumed_words
-from morlnav.runs.run import OF_THE_COMMAND
 from morlnav.runs.settings import Settings, refuse_without_clones
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
@@ -54,15 +53,12 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
     threads, resume = config.pop("threads"), config.pop("resume")
     for name, value, kind in (("threads", threads, int), ("resume", resume, str | None), ("trust", cfg.trust, bool)):
         check(value, name, kind=kind)
-    check({name: value for name, value in config.items() if name not in OF_THE_COMMAND})
+    training = make_training(config)
     keep_freed_memory()
     set_threads(threads)
     checkpoint = None if resume is None else _checkpoint_of(Path(resume))
-    training = make_training(config)
-    with (
-        tempfile.TemporaryDirectory() as scratch
-    ):  # all that constructors refuse, before anything is learned or written
-        training.rehearse(Path(scratch))
+    with tempfile.TemporaryDirectory() as scratch:
+        training.rehearse(Path(scratch))  # all that constructors refuse, before anything is learned or written
     settings = Settings(cfg, directory)
     with reserved(directory):
         trainer = _begin(settings, training) if checkpoint is None else _continue(settings, training, checkpoint)

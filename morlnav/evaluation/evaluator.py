@@ -60,12 +60,8 @@ class Evaluation:
         if not 0 <= seed < HELD_OUT:
             raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, got {seed}.")
         self.episodes, self.steps, self.seed = episodes, steps, seed
-        self.make_env, self.rewards, self.num_objectives, self.max_steps = (
-            make_env,
-            tuple(rewards),
-            num_objectives,
-            max_steps,
-        )
+        self.make_env, self.rewards = make_env, tuple(rewards)
+        self.num_objectives, self.max_steps = num_objectives, max_steps
         self.scalarisation = scalarisation
         self.reference = read_reference(reference, self.rewards, reference_from_bounds(reward_bounds, max_steps))
 
@@ -106,8 +102,7 @@ class Evaluation:
         table = front_table(preferences, returns, self.rewards, self.known_reference, self.scalarisation)
         directory.mkdir(parents=True, exist_ok=True)
         table.to_csv(directory / "front.csv", index=False)
-        shown = table[[name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]]
-        text = f"{_markdown(shown)}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
+        text = f"{_markdown(_shown(table))}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
         (directory / "table.md").write_text(text + "\n", encoding="utf-8")
         if self.num_objectives > 1:
             from morlnav.evaluation.front_plot import plot_front  # loads matplotlib
@@ -120,8 +115,7 @@ class Evaluation:
         from morlnav.record.console import make_console, print_table
 
         table, console = pd.read_csv(output / "front.csv"), make_console()
-        shown = [name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]
-        print_table(table[shown].rename(columns=lambda name: name.replace("lambda_", "λ ").replace("_", " ")), console)
+        print_table(_shown(table), console)
         console.print(describe_front(table))
 
     @staticmethod
@@ -149,7 +143,13 @@ class Evaluation:
             env.close()
 
 
+def _shown(table: pd.DataFrame) -> pd.DataFrame:
+    """The columns of a front that a person reads, under names that a person reads."""
+    names = [name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]
+    return table[names].rename(columns=lambda name: name.replace("lambda_", "λ ").replace("_", " "))
+
+
 def _markdown(table: pd.DataFrame) -> str:
-    cells = [[name.replace("lambda_", "λ ").replace("_", " ") for name in table], ["--:"] * table.shape[1]]
+    cells = [list(table), ["--:"] * table.shape[1]]
     cells += [[f"{value:.4g}" for value in row] for row in table.itertuples(index=False)]
     return "\n".join(f"| {' | '.join(row)} |" for row in cells)

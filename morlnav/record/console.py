@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import pandas as pd
 from rich import box
 from rich.console import Console
@@ -31,12 +33,26 @@ def print_table(table: pd.DataFrame, console: Console) -> None:
     """
     whole = list(table)
     broken = [name.replace(" ", "\n") for name in whole]
-    for names in (whole, *(broken[:count] for count in range(len(whole), 0, -1))):
-        shown = Table(box=box.SIMPLE_HEAD)
-        for name in names:
-            shown.add_column(name, justify="right", vertical="bottom")
-        for row in table.itertuples(index=False):
-            shown.add_row(*(f"{value:.4g}" for value in row[: len(names)]))
-        if console.measure(shown, options=console.options.update(width=1000)).maximum <= console.width:
+    rows = [[f"{value:.4g}" for value in row] for row in table.itertuples(index=False)]
+    choices = (whole, *(broken[:count] for count in range(len(whole), 0, -1)))
+    print_first_that_fits((make_table(names, rows) for names in choices), console)
+
+
+def make_table(headings: Sequence[str], rows: Iterable[Sequence[str]], label: str | None = None) -> Table:
+    """An aligned table of as many columns as there are headings; the first one is text if it has a ``label``."""
+    table = Table(box=box.SIMPLE_HEAD)
+    if label is not None:
+        table.add_column(label)
+    for heading in headings:
+        table.add_column(heading, justify="right", vertical="bottom")
+    for row in rows:
+        table.add_row(*row[: len(table.columns)])
+    return table
+
+
+def print_first_that_fits(tables: Iterable[Table], console: Console) -> None:
+    """Print the first table for which the console has room, or else the last one."""
+    for table in tables:
+        if console.measure(table, options=console.options.update(width=1000)).maximum <= console.width:
             break
-    console.print(shown)
+    console.print(table)

@@ -14,7 +14,7 @@ from tensordict.nn import TensorDictModule
 from torchrl.collectors import BaseCollector
 from torchrl.envs import EnvBase
 
-from morlnav.config import ConfigError, Part, supply, takes
+from morlnav.config import ConfigError, Part, causes, supply, takes
 
 
 def num_workers(collector: Part[BaseCollector] | Callable[..., BaseCollector]) -> int:
@@ -65,10 +65,10 @@ def make_collector(
     try:
         return supply(collector, create_env_fn=makers, **live)
     except (RuntimeError, ConfigError) as error:
-        causes = error, error.__cause__ or error, getattr(error.__cause__, "__cause__", None)
-        if not any(isinstance(cause, EOFError) for cause in causes):
+        if not isinstance(causes(error)[-1], EOFError):
             raise
-        traceback.clear_frames(error.__traceback__)  # what is left of the collector would hang at exit
+        for cause in causes(error):  # what is left of the collector, in one of their frames, would hang at exit
+            traceback.clear_frames(cause.__traceback__)
         message = "A collecting process died at its start; for lack of memory? Then lower collector.num_collectors."
         raise ChildProcessError(message) from error
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from tensordict import TensorDictBase
@@ -26,14 +26,26 @@ class PeriodicHook(TrainerHookBase):
         ValueError: if it is below 1.
     """
 
+    op: ClassVar[str] = "post_steps"
+    """Where it is registered: by default after every round of optimisation steps."""
+
+    name: ClassVar[str]
+    """What a checkpoint calls it, unless :meth:`register` is told otherwise."""
+
     def __init__(self, interval: int) -> None:
         if interval < 1:
             raise ValueError(f"interval must be at least 1, got {interval}.")
         self.interval, self.last = interval, 0
 
-    def due(self) -> bool:
-        """Whether to act now; if so, the next time is counted from here."""
-        frames = self.trainer.collected_frames
+    def register(self, trainer: Trainer, name: str | None = None) -> None:
+        """Register with a trainer."""
+        self.trainer = trainer
+        trainer.register_op(self.op, self)
+        trainer.register_module(name or self.name, self)
+
+    def due(self, ahead: int = 0) -> bool:
+        """Whether to act now, ``ahead`` steps beyond what the trainer counts; if so, the next time counts from here."""
+        frames = self.trainer.collected_frames + ahead
         if frames - self.last < self.interval:
             return False
         self.last = frames
@@ -161,6 +173,8 @@ class LogEpisodes(PeriodicHook):
         rewards: names of the reward entries, in order.
     """
 
+    op, name = "batch_process", "log_episodes"  # before hooks that drop entries
+
     def __init__(self, interval: int = 2560, *, rewards: Sequence[str]) -> None:
         super().__init__(interval)
         self.rewards = rewards
@@ -173,12 +187,10 @@ class LogEpisodes(PeriodicHook):
         values = self._of(following[following.get("done").squeeze(-1)])
         self.names = list(values)
         self.rows.append(torch.stack(list(values.values()), -1))
-        frames = self.trainer.collected_frames + batch.numel()
-        if frames - self.last >= self.interval:
-            self.last = frames
+        if self.due(ahead=batch.numel()):
             rows, self.rows = torch.cat(self.rows), []
             if len(rows):
-                self._write(rows.mean(0), frames)
+                self._write(rows.mean(0), self.last)
         return batch
 
     def _of(self, episodes: TensorDictBase) -> dict[str, Tensor]:
@@ -207,12 +219,6 @@ class LogEpisodes(PeriodicHook):
             if name in metrics and self.trainer.progress_bar:
                 self.trainer._pbar_str[label] = metrics[name]
 
-    def register(self, trainer: Trainer, name: str = "log_episodes") -> None:
-        """Register on collected batches; must come before hooks that drop entries."""
-        self.trainer = trainer
-        trainer.register_op("batch_process", self)
-        trainer.register_module(name, self)
-
     def state_dict(self) -> dict[str, Any]:
         """Episodes gathered since the last line, so that a resumed run logs the same numbers."""
         return super().state_dict() | {"rows": torch.cat(self.rows) if self.rows else torch.zeros(0)}
@@ -231,6 +237,8 @@ class LogOptimisation(PeriodicHook):
         rewards: names of the reward entries, in order.
         exploration: the noise; its present factor is its ``sigma``.
     """
+
+    op, name = "post_optim_complete_log", "log_optimisation"
 
     def __init__(
         self, interval: int = 2560, *, rewards: Sequence[str], exploration: torch.nn.Module | None = None
@@ -267,12 +275,6 @@ class LogOptimisation(PeriodicHook):
         state |= {f"lr_{name}": optimizer.param_groups[0]["lr"] for name, optimizer in stepper.optimizers.items()}
         return state | ({"exploration": self.exploration.sigma} if hasattr(self.exploration, "sigma") else {})
 
-    def register(self, trainer: Trainer, name: str = "log_optimisation") -> None:
-        """Register after every round of optimisation steps."""
-        self.trainer = trainer
-        trainer.register_op("post_optim_complete_log", self)
-        trainer.register_module(name, self)
-
 
 class EvaluatePolicy(PeriodicHook):
     """Measure the averaged actor on held-out episodes, and log what comes out.
@@ -287,6 +289,8 @@ class EvaluatePolicy(PeriodicHook):
     Raises:
         ValueError: for numbers below 1.
     """
+
+    name = "evaluate_policy"
 
     def __init__(
         self,
@@ -308,12 +312,6 @@ class EvaluatePolicy(PeriodicHook):
         if self.due():
             for name, value in self.evaluation.measure(self.policy, self.episodes, self.steps).items():
                 log_scalar(self.trainer, f"evaluation/{name}", value, self.last)
-
-    def register(self, trainer: Trainer, name: str = "evaluate_policy") -> None:
-        """Register after every round of optimisation steps."""
-        self.trainer = trainer
-        trainer.register_op("post_steps", self)
-        trainer.register_module(name, self)
 
 
 def log_scalar(trainer: Trainer, name: str, value: float, frames: int) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import torch
-from torchrl.trainers.trainers import Trainer
 
 from morlnav.evaluation import Evaluation, utility
 from morlnav.trainers.hooks import PeriodicHook, log_scalar
@@ -24,6 +23,8 @@ class FitInterpolator(PeriodicHook):
     Raises:
         ValueError: for numbers below 1.
     """
+
+    name = "fit_interpolator"
 
     def __init__(
         self, interval: int = 40_000, episodes: int = 12, *, evaluation: Evaluation, policy: torch.nn.Module
@@ -47,9 +48,3 @@ class FitInterpolator(PeriodicHook):
             term.update(keys, values)
             expected = utility(values, keys, loss.scalarisation).mean().item()
             log_scalar(self.trainer, "optim/key_utility", expected, self.last)
-
-    def register(self, trainer: Trainer, name: str = "fit_interpolator") -> None:
-        """Register after every round of optimisation steps."""
-        self.trainer = trainer
-        trainer.register_op("post_steps", self)
-        trainer.register_module(name, self)

@@ -17,13 +17,13 @@ from typing import Any, Literal
 import torch
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
-from torchrl.collectors import BaseCollector
+from torchrl.collectors import BaseCollector, Collector
 from torchrl.data import ReplayBuffer
 from torchrl.envs import Compose, EnvBase, RewardScaling, Transform, TransformedEnv
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
-from morlnav.config import Part, as_part, build, setting, supply, takes
+from morlnav.config import Part, as_part, build, first_line, setting, supply, takes
 from morlnav.data import PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
 from morlnav.modules import round_products
@@ -108,7 +108,7 @@ class Training:
         try:
             torch.empty(0, device=device)
         except (RuntimeError, AssertionError) as error:  # PyTorch raises the latter where it was built without CUDA
-            raise ValueError(f"device={device} cannot be used on this machine: {str(error).splitlines()[0]}") from error
+            raise ValueError(f"device={device} cannot be used on this machine: {first_line(error)}") from error
 
     # Environments
 
@@ -139,8 +139,7 @@ class Training:
         """
         learned = Compose(*map(copy.deepcopy, rewards.values()))
         env = TransformedEnv(self.base_env(num_envs, seed), learned, auto_unwrap=True)  # it may bring transforms along
-        live = live_objects(env) | {"seed": self.seed, "offset": first}
-        live["sampler"] = supply(self.preferences, **live)
+        live = self._live(env, offset=first)
         for part in self.transforms.values():
             env.append_transform(supply(part, **live))
         if "preference" not in env.observation_spec.keys(True):
@@ -241,9 +240,8 @@ class Training:
         brief = copy.copy(self)
         if num_workers(self.collector):  # workers cost seconds
             share_of(num_workers(self.collector), self.base_env().batch_size.numel())
-            brief.collector = Part(
-                {"_target_": "torchrl.collectors.Collector", "backend": "direct"}, "collector"
-            ).replace(frames_per_batch=setting(self.collector, "frames_per_batch"))
+            frames = setting(self.collector, "frames_per_batch")
+            brief.collector = partial(Collector, backend="direct", frames_per_batch=frames)
         trainer = brief.make_trainer(directory, learned, self.make_logger(directory))
         trainer.collector.shutdown()
         torch.set_rng_state(state)
@@ -265,8 +263,8 @@ class Training:
             return None
         return supply(self.logger, exp_name="logs", log_dir=str(directory), save_dir=str(directory / "logs"))
 
-    def _live(self, env: TransformedEnv) -> dict[str, Any]:
-        live = live_objects(env) | {"seed": self.seed, "device": self.device}
+    def _live(self, env: TransformedEnv, **more: Any) -> dict[str, Any]:
+        live = live_objects(env) | {"seed": self.seed, "device": self.device} | more
         return live | {"sampler": supply(self.preferences, **live)}
 
     def _make_replay(self, live: Mapping[str, Any]) -> ReplayBuffer:
@@ -295,11 +293,7 @@ class Training:
             },
         )
         dtype = product_dtype(self.products, torch.device(self.device))
-        for module in (
-            loss.actor_network,
-            loss.qvalue_network,
-            loss.terms,
-        ):  # losses hide their networks from modules()
+        for module in (loss.actor_network, loss.qvalue_network, loss.terms):  # a loss hides networks from modules()
             round_products(module, dtype)
         if self.compile is not None:
             _compile(loss, self.compile)

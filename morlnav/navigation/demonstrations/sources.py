@@ -64,12 +64,7 @@ class RecordedPolicy(NavigationDemonstrations):
     Args:
         policy: maps raw observations ``[B, 34]`` to actions ``[B, 2]``; it sees the human in any case.
         disturbance: pushes the robot; ``None`` leaves it alone.
-        world: the engine.
-        scenes: draws random scenes.
-        observe_human: whether the human's position is recorded.
-        max_steps: time limit of an episode.
-        seed: of scenes and disturbances.
-        num_envs: episodes side by side.
+        settings: arguments of :class:`NavigationDemonstrations`.
 
     Raises:
         ValueError: if the policy is faster than the robot.
@@ -79,16 +74,10 @@ class RecordedPolicy(NavigationDemonstrations):
         self,
         policy: Callable[[Tensor], Tensor],
         disturbance: Disturbance | None = None,
-        *,
-        world: World,
-        scenes: Callable[..., Scene],
-        observe_human: bool = True,
-        max_steps: int = 250,
-        seed: int = 0,
-        num_envs: int = 256,
+        **settings: Any,
     ) -> None:
-        super().__init__(world, scenes, observe_human, max_steps, seed, num_envs)
-        speed, limit = getattr(policy, "speed", 0.0), world.robot.max_speed
+        super().__init__(**settings)
+        speed, limit = getattr(policy, "speed", 0.0), self.world.robot.max_speed
         if speed > limit:
             raise ValueError(f"policy.speed must be at most the robot's {limit} m/s, got {speed}.")
         self.policy, self.disturbance = policy, disturbance
@@ -119,30 +108,14 @@ class RecordedFolder(NavigationDemonstrations):
         path: of the folder.
         replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise
             they are taken as they are.
-        world: the engine.
-        scenes: draws random scenes.
-        observe_human: whether the human's position is recorded.
-        max_steps: time limit of an episode.
-        seed: of the scenes.
-        num_envs: episodes side by side.
+        settings: arguments of :class:`NavigationDemonstrations`.
 
     Raises:
         FileNotFoundError: if the folder holds no demonstrations.
     """
 
-    def __init__(
-        self,
-        path: str,
-        replay: bool = False,
-        *,
-        world: World,
-        scenes: Callable[..., Scene],
-        observe_human: bool = True,
-        max_steps: int = 250,
-        seed: int = 0,
-        num_envs: int = 256,
-    ) -> None:
-        super().__init__(world, scenes, observe_human, max_steps, seed, num_envs)
+    def __init__(self, path: str, replay: bool = False, **settings: Any) -> None:
+        super().__init__(**settings)
         self.path, self.replay, self.key = path, replay, demonstrations_digest(path)
 
     def collect(self, num: int) -> TensorDict:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import torch
@@ -31,45 +32,20 @@ class NavigationEvaluation(Evaluation):
 
     Args:
         episodes: scenes per preference.
-        steps: preferences are all pairwise interpolations of corners in so many steps.
-        seed: of the scenes.
-        reference: reference point of the hypervolume, a number per reward or by name.
         demonstrators: by objective, who drives as demonstrated, to measure Fréchet distances to.
-        make_env: makes an environment as the policy learned in.
-        rewards: names of the entries of the reward.
-        num_objectives: entries of λ.
-        reward_bounds: least and largest reward of a step, ``[2, m]``.
-        scalarisation: weighs the returns in a utility, as the loss does.
         max_steps: time limit of an episode.
+        settings: further arguments of :class:`~morlnav.evaluation.Evaluation`; its seed is that of the scenes.
     """
 
     def __init__(
         self,
         episodes: int = 100,
-        steps: int = 10,
-        seed: int = 12345,
-        reference: Sequence[float] | Mapping[str, float] | None = None,
         *,
         demonstrators: Mapping[str, Callable[[Tensor], Tensor]],
-        make_env: Callable[..., EnvBase],
-        rewards: Sequence[str],
-        num_objectives: int,
-        reward_bounds: Tensor,
-        scalarisation: nn.Module | None = None,
         max_steps: int = 250,
+        **settings: Any,
     ) -> None:
-        super().__init__(
-            episodes,
-            steps,
-            seed,
-            reference,
-            make_env=make_env,
-            rewards=rewards,
-            num_objectives=num_objectives,
-            reward_bounds=reward_bounds,
-            scalarisation=scalarisation,
-            max_steps=max_steps,
-        )
+        super().__init__(episodes, max_steps=max_steps, **settings)
         self.demonstrators = demonstrators
 
     @cached_property

@@ -10,13 +10,11 @@ import torch
 from tensordict import tensorclass
 from torch import Tensor
 
+from morlnav.evaluation.evaluator import HELD_OUT
 from morlnav.modules.mode import eval_mode
 from morlnav.navigation.envs import Objective, default_objectives
 from morlnav.navigation.envs.step import advance
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld, World, without_human
-
-SEED_OFFSET = 2**31
-"""Evaluation scenes are seeded from here on, training scenes below it."""
 
 
 class Outcome(IntEnum):
@@ -86,9 +84,9 @@ def evaluation_scenes(num: int, seed: int = 0, sampler: SceneSampler | None = No
     """
     if num < 1:
         raise ValueError(f"An evaluation needs at least one scene, got {num}.")
-    if not 0 <= seed < SEED_OFFSET:
+    if not 0 <= seed < HELD_OUT:
         raise ValueError(f"The seed of evaluation scenes must be in [0, 2**31), got {seed}.")
-    return (sampler or SceneSampler())(num, generator=torch.Generator().manual_seed(SEED_OFFSET + seed))
+    return (sampler or SceneSampler())(num, generator=torch.Generator().manual_seed(HELD_OUT + seed))
 
 
 @torch.no_grad()

@@ -8,13 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 from morlnav.navigation.evaluation.metrics import frechet_column
 from morlnav.navigation.evaluation.report import cells, column
-from morlnav.record.console import make_console
+from morlnav.record.console import make_console, make_table, print_first_that_fits
 
 COLUMNS = (
     *("SR", "CR", "TR", "navigation_time", "min_human_distance", "frechet", "human_on_right", "spl"),
@@ -61,22 +59,10 @@ def print_summary(
     if total is not None:
         rows.append((f"all {len(summary)}", total.iloc[0]))
     names = _applicable(summary, demonstrated)
-    lines = [(name, cells(row, names)) for name, row in rows]
-    for count in range(len(names), -1, -1):
-        table = _table(label or "all weight on", [column(name)[0] for name in names[:count]], lines)
-        if console.measure(table, options=console.options.update(width=1000)).maximum <= console.width:
-            break
-    console.print(table)
-
-
-def _table(label: str, headings: Sequence[str], lines: Sequence[tuple[str, list[str]]]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column(label)
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    for name, values in lines:
-        table.add_row(name, *values[: len(headings)])
-    return table
+    lines = [[name, *cells(row, names)] for name, row in rows]
+    headings = [column(name)[0] for name in names]
+    counts = range(len(names), -1, -1)
+    print_first_that_fits((make_table(headings[:n], lines, label or "all weight on") for n in counts), console)
 
 
 def _rows(summary: pd.DataFrame, label: str | None) -> list[tuple[str, pd.Series]]:

@@ -70,6 +70,7 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
 def _begin(settings: Settings, training: Training) -> Trainer:
     """A trainer at its start, with the rewards that are learned first."""
     settings.refuse_another_run()
+    settings.save()  # what is learned first belongs to it
     directory, logger = settings.directory, training.make_logger(settings.directory)
     torch.manual_seed(training.seed)
     trainer = training.make_trainer(directory, training.learn_rewards(directory, logger), logger)

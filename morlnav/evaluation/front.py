@@ -142,8 +142,8 @@ def describe_front(table: pd.DataFrame) -> str:
     first = table.iloc[0]
     if not names:
         return (
-            f"Expected utility {first['expected_utility']:.1f}. No hypervolume, for some rewards have no known least "
-            "value; a reference point would do (reference, a number for each reward)."
+            f"Expected utility {first['expected_utility']:.1f}. "
+            "No hypervolume: some rewards have no known least value; give evaluation.reference, a number for each."
         )
     point = ", ".join(f"{name} {first[f'reference_{name}']:.6g}" for name in names)
     text = (

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config
-from morlnav.trainers.drex import CLONE_FILE, LearnedReward
+from morlnav.trainers.drex import CLONE_FILE, REWARD_FILE, LearnedReward
 
 NO_RESULT_DEPENDS_ON = ("cache", "trainer.progress_bar")
 
@@ -70,7 +70,8 @@ class Settings:
             ValueError: naming the directory and what it holds.
         """
         kept = [name for name in (POLICY_FILE, "checkpoints") if (self.directory / name).exists()]
-        if not kept and not (self.directory / CONFIG_FILE).is_file():
+        begun = [name for name in (CONFIG_FILE, REWARD_FILE) if (self.directory / name).is_file()]
+        if not kept and not begun:
             return
         load_config(self.directory)  # names a config that is missing or damaged
         if changed := self.changed():

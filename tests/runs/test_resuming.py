@@ -231,6 +231,13 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_anew(finished)
     assert (finished / "policy.pt").is_file()
 
 
+def test_a_reward_without_a_config_belongs_to_nobody_and_is_left_alone(tmp_path):
+    (tmp_path / "reward.pt").write_bytes(b"of somebody")
+    with pytest.raises(FileNotFoundError, match=r"is not a run directory: it holds no config\.yaml"):
+        run(configure(*WORDS), tmp_path)
+    assert (tmp_path / "reward.pt").read_bytes() == b"of somebody"
+
+
 def test_a_reward_is_used_by_the_config_that_it_was_learned_by_alone(tmp_path):
     demo = [*BRIEF, DEMONSTRATED, *TINY, "transforms.time_limit.max_steps=100", "evaluation.episodes=1"]
     began, cache = tmp_path / "run", f"cache={tmp_path / 'cache'}"

@@ -72,17 +72,14 @@ def write_report(
     directory = Path(directory)
     frame = episode_metrics(rollouts, rewards, world=world, references=references)
     summary, faithful = summarise(frame), fidelity(frame)
-    unknown = [] if reference_point is None else _unknown(reference_point, rewards)
     front = front_table(
         rollouts.preference[:, 0],
         rollouts.reward.double().sum(-2),
         rewards,
-        None if unknown else reference_point,
+        _known(reference_point, rewards),
         scalarisation,
     )
     table = _table(summary, overall(frame), faithful, front)
-    if unknown:
-        table += f" No hypervolume: the rewards of {', '.join(unknown)} have no least value; give evaluation.reference."
 
     directory.mkdir(parents=True, exist_ok=True)
     tables = {"episodes": frame, "summary": summary, "fidelity": faithful, "front": front}
@@ -105,13 +102,13 @@ def write_report(
     return table
 
 
-def _unknown(reference_point: Tensor, rewards: Sequence[str]) -> list[str]:
-    if reference_point.shape != (len(rewards),):
-        raise ValueError(
-            f"The reference point needs {len(rewards)} numbers, for {', '.join(rewards)}; "
-            f"got {reference_point.tolist()}."
-        )
-    return [name for name, known in zip(rewards, reference_point.isfinite(), strict=True) if not known]
+def _known(reference_point: Tensor | None, rewards: Sequence[str]) -> Tensor | None:
+    """The reference point, if it is finite in every entry."""
+    if reference_point is None or reference_point.shape == (len(rewards),):
+        return reference_point if reference_point is not None and reference_point.isfinite().all() else None
+    raise ValueError(
+        f"The reference point needs {len(rewards)} numbers, for {', '.join(rewards)}; got {reference_point.tolist()}."
+    )
 
 
 def _table(summary: pd.DataFrame, total: pd.DataFrame, faithful: pd.DataFrame, front: pd.DataFrame) -> str:

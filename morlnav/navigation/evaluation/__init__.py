@@ -1,6 +1,7 @@
 """Roll-outs over all preferences, social metrics, preference fidelity, the report."""
 
 from morlnav.navigation.evaluation.evaluator import NavigationEvaluation, reward_terms
+from morlnav.navigation.evaluation.exact_front import ExactFront, best_utility, exact_front, possible_table
 from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.navigation.evaluation.paths import shortest_path, shortest_polylines
 from morlnav.navigation.evaluation.references import reference_paths
@@ -9,17 +10,21 @@ from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluate_po
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise
 
 __all__ = [
+    "ExactFront",
     "NavigationEvaluation",
     "Outcome",
     "Rollouts",
+    "best_utility",
     "compare_extremes",
     "episode_metrics",
     "evaluate_policy",
     "evaluation_scenes",
+    "exact_front",
     "fidelity",
     "frechet_distance",
     "markdown_table",
     "overall",
+    "possible_table",
     "reference_paths",
     "reward_terms",
     "shortest_path",

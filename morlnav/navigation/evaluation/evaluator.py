@@ -15,6 +15,7 @@ from torchrl.envs import EnvBase, TransformedEnv
 from morlnav.data import simplex_grid
 from morlnav.evaluation import Evaluation, eval_env, expected_utility, preference_label
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
+from morlnav.navigation.evaluation.exact_front import EDGE, ExactFront, exact_front, possible_table
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
 from morlnav.navigation.evaluation.references import reference_paths
@@ -101,7 +102,7 @@ class NavigationEvaluation(Evaluation):
 
     def measure(self, policy: nn.Module, episodes: int, steps: int) -> dict[str, float]:
         """See :meth:`Evaluation.measure`."""
-        scenes, shortest, references = self._fixed(episodes)
+        scenes, shortest, references, front = self._fixed(episodes)
         preferences = simplex_grid(self.num_objectives, steps)
         rollouts = self.drive(policy, scenes, preferences)
         frame = episode_metrics(rollouts, self.rewards, world=self.env.world, references=references, shortest=shortest)
@@ -110,22 +111,26 @@ class NavigationEvaluation(Evaluation):
             rollouts.reward.sum(2).mean(1).cpu(), preferences, self.scalarisation
         )
         summary = summarise(frame, resamples=2)  # its means alone are wanted
+        if front is not None:
+            possible = possible_table(front, summary).iloc[0]
+            metrics |= {name: possible[name] for name in ("front_share", "mean_excess")}
         for preference, row in zip(preferences, summary.to_dict("records"), strict=True):
             label = preference_label(self.objectives, preference.tolist())
             metrics[f"success/{label}"] = row["SR"] / 100
             metrics |= {f"{name}/{label}": row[name] for name in metric_columns(frame)}
         return metrics
 
-    def _fixed(self, episodes: int) -> tuple[Scene, Tensor, dict[str, list[Tensor]]]:
+    def _fixed(self, episodes: int) -> tuple[Scene, Tensor, dict[str, list[Tensor]], ExactFront | None]:
         """Scenes that stay the same while a policy learns, with what is known of them."""
         if episodes not in self._known:
             scenes, world = self.scenes(episodes, self.seed + 1), self.env.world
             shortest = shortest_path(scenes, world.robot.radius, world.human_radius, world.goal_radius)
-            self._known[episodes] = scenes, shortest, self.references(scenes)
+            front = exact_front(scenes, world) if set(EDGE) <= set(self.objectives) else None
+            self._known[episodes] = scenes, shortest, self.references(scenes), front
         return self._known[episodes]
 
     @cached_property
-    def _known(self) -> dict[int, tuple[Scene, Tensor, dict[str, list[Tensor]]]]:
+    def _known(self) -> dict[int, tuple[Scene, Tensor, dict[str, list[Tensor]], ExactFront | None]]:
         return {}
 
     def report(self, policy: nn.Module, directory: Path) -> pd.DataFrame:
@@ -140,19 +145,19 @@ class NavigationEvaluation(Evaluation):
             references=self.references(scenes),
             reference_point=self.reference,
             scalarisation=self.scalarisation,
+            objectives=self.terms,
         )
 
     def show(self, output: Path, directory: Path) -> None:
         """See :meth:`Evaluation.show`."""
         from morlnav.navigation.evaluation.tables import audit_line, print_summary
 
-        episodes, summary, faithful, front = (
-            pd.read_csv(output / f"{name}.csv") for name in ("episodes", "summary", "fidelity", "front")
-        )
+        tables = {path.stem: pd.read_csv(path) for path in output.glob("*.csv")}
+        episodes, summary = tables.pop("episodes"), tables["summary"]
         console, demonstrated = make_console(), list(self.demonstrators)
         print_summary(summary, overall(episodes, resamples=2), demonstrated=demonstrated, console=console)
         audits = [audit_line(place(directory, name) / "audit", name) for name in demonstrated]
-        for line in [*sentences(summary, faithful, front), *filter(None, audits)]:
+        for line in [*sentences(**tables), *filter(None, audits)]:
             console.print(line)
         console.print(f"All rows and columns are in {output / 'table.md'}", soft_wrap=True)
 

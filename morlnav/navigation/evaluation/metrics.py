@@ -113,7 +113,7 @@ def episode_metrics(
     for name, lines in named.items():
         frechet = torch.stack([frechet_distance(paths, lines) for paths in rollouts.path])
         boxes = rollouts.scene[0].boxes
-        free = [_is_free(*pair, world.robot.radius) for pair in zip(lines, boxes, strict=True)]
+        free = [is_free(*pair, world.robot.radius) for pair in zip(lines, boxes, strict=True)]
         columns[frechet_column(name)] = frechet
         columns[frechet_column(name, "frechet_free")] = frechet.where(torch.tensor(free), torch.nan)
     return pd.DataFrame({name: _tidy(value) for name, value in columns.items()})
@@ -128,7 +128,8 @@ def frechet_column(objective: str, prefix: str = "frechet") -> str:
     return prefix if objective == "demo" else f"{prefix}_{objective}"
 
 
-def _is_free(path: Tensor, boxes: Tensor, radius: float) -> bool:
+def is_free(path: Tensor, boxes: Tensor, radius: float) -> bool:
+    """Whether a robot of this radius meets none of the boxes ``[K, 5]`` at the points of a path ``[L, 2]``."""
     return not (distance_to_box(path.cpu().unsqueeze(1), boxes) <= radius).any()
 
 

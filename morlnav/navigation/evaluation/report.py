@@ -10,6 +10,14 @@ from torch import Tensor
 
 from morlnav.evaluation.front import describe_front, front_table
 from morlnav.evaluation.pareto import Scalarisation
+from morlnav.navigation.envs import Objective
+from morlnav.navigation.evaluation.exact_front import (
+    EDGE,
+    best_utility,
+    describe_possible,
+    exact_front,
+    possible_table,
+)
 from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_column
 from morlnav.navigation.evaluation.rollout import Rollouts
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise, tuneable_objectives
@@ -43,13 +51,16 @@ def write_report(
     references: Sequence[Tensor] | Mapping[str, Sequence[Tensor]] | None = None,
     reference_point: Tensor | None = None,
     scalarisation: Scalarisation | None = None,
+    objectives: Mapping[str, Objective] | None = None,
     scenes: Sequence[int] = (0, 1, 2),
 ) -> str:
     """Write tables and figures of an evaluation, and return the table that a person reads first.
 
     Files: ``episodes.csv`` (see :func:`~morlnav.navigation.evaluation.episode_metrics`), ``summary.csv``,
     ``fidelity.csv``, ``front.csv`` (see :func:`~morlnav.evaluation.front_table`), ``table.md``, and, with two or more
-    tuneable objectives, ``trajectories.png``, ``metrics.png`` and ``front.png``.
+    tuneable objectives, ``trajectories.png``, ``metrics.png`` and ``front.png``. Where λ weighs distance and
+    efficiency, ``possible.csv`` (see :func:`~morlnav.navigation.evaluation.possible_table`), ``exact_front.csv`` (a row
+    per scene and distance) and ``exact_front.png`` set the policy beside what is possible.
 
     Args:
         rollouts: batched ``[P, S]``.
@@ -61,6 +72,7 @@ def write_report(
         reference_point: of the hypervolume, ``[m]``, such as :func:`~morlnav.evaluation.reference_from_bounds` gives;
             without it, or where an entry is not finite, there is no hypervolume.
         scalarisation: weighs the returns in the expected utility, as the loss does; ``None`` takes ``[1, λ]``.
+        objectives: the entries of the reward, to tell what the best known paths would earn.
         scenes: the scenes whose trajectories are drawn, as far as there are so many.
 
     Returns:
@@ -79,10 +91,20 @@ def write_report(
         _known(reference_point, rewards),
         scalarisation,
     )
-    table = _table(summary, overall(frame), faithful, front)
+    tables = {"episodes": frame, "summary": summary, "fidelity": faithful, "front": front}
+    limits = None
+    if set(EDGE) <= set(tuneable_objectives(summary)):
+        named = references if isinstance(references, Mapping) else {} if references is None else {"demo": references}
+        limits, best = exact_front(rollouts.scene[0], world), None
+        if objectives is not None:
+            preferences = rollouts.preference[:, 0].cpu()
+            settings = {"world": world, "references": named, "scalarisation": scalarisation}
+            best = best_utility(limits, rollouts.scene[0], preferences, objectives, **settings)
+        possible = possible_table(limits, summary, front["utility"], best)
+        tables |= {"exact_front": limits.table(), "possible": possible}
+    table = _table(overall(frame), **tables)
 
     directory.mkdir(parents=True, exist_ok=True)
-    tables = {"episodes": frame, "summary": summary, "fidelity": faithful, "front": front}
     for name, content in tables.items():
         content.to_csv(directory / f"{name}.csv", index=False)
     (directory / "table.md").write_text(table + "\n", encoding="utf-8")
@@ -90,6 +112,7 @@ def write_report(
     tuneable = rewards[len(rewards) - rollouts.preference.shape[-1] :]
     if len(tuneable) >= 2:
         from morlnav.evaluation.front_plot import plot_front  # these load matplotlib
+        from morlnav.navigation.record.exact_front_plot import plot_exact_front
         from morlnav.navigation.record.plots import plot_metrics, plot_trajectories
 
         shown = [scene for scene in scenes if scene < rollouts.batch_size[1]]
@@ -99,6 +122,8 @@ def write_report(
         plotted = [name for name in PLOTTED if name in frame]
         plot_metrics(summary, compare_extremes(frame, plotted), plotted).savefig(directory / "metrics.png", dpi=150)
         plot_front(front).savefig(directory / "front.png", dpi=150)
+        if limits is not None:
+            plot_exact_front(limits, tables["possible"]).savefig(directory / "exact_front.png", dpi=150)
     return table
 
 
@@ -111,28 +136,39 @@ def _known(reference_point: Tensor | None, rewards: Sequence[str]) -> Tensor | N
     )
 
 
-def _table(summary: pd.DataFrame, total: pd.DataFrame, faithful: pd.DataFrame, front: pd.DataFrame) -> str:
+def _table(total: pd.DataFrame, summary: pd.DataFrame, **tables: pd.DataFrame) -> str:
     weights = [name for name in summary if name.startswith("lambda_")]
     shown = _shown(summary)
     last = ["**all**", *[""] * (len(weights) - 1), *cells(total.iloc[0], shown)]
     lines = [markdown_table(summary, weights), _row(last), ""]
-    return "\n".join([*lines, *sentences(summary, faithful, front)])
+    return "\n".join([*lines, *sentences(summary, **tables)])
 
 
-def sentences(summary: pd.DataFrame, faithful: pd.DataFrame, front: pd.DataFrame) -> list[str]:
-    """What a report says in words: what was driven, how λ is obeyed, and how good the front is.
+def sentences(
+    summary: pd.DataFrame,
+    fidelity: pd.DataFrame,
+    front: pd.DataFrame,
+    possible: pd.DataFrame | None = None,
+    **_: pd.DataFrame,
+) -> list[str]:
+    """What a report says in words: what was driven, how λ is obeyed, how good the front is, and what is possible.
 
     Args:
         summary: from :func:`~morlnav.navigation.evaluation.summarise`.
-        faithful: from :func:`~morlnav.navigation.evaluation.fidelity`.
+        fidelity: from :func:`~morlnav.navigation.evaluation.fidelity`.
         front: from :func:`~morlnav.navigation.evaluation.front_table`.
+        possible: from :func:`~morlnav.navigation.evaluation.possible_table`, where λ weighs distance and efficiency.
     """
     episodes, scenes = int(summary["episodes"].sum()), int(summary["episodes"].iloc[0])
     plural = "s" if len(summary) > 1 else ""
     lines = [f"{episodes} episodes: {len(summary)} preference{plural} in {scenes} scenes. Times count successes only."]
-    for _, row in faithful.dropna(subset="spearman").drop_duplicates("objective").iterrows():
-        metric = f"{'more' if row['sign'] > 0 else 'less'} {row['metric'].replace('_', ' ')}"
-        lines.append(f"Fidelity of {row['objective']} ({metric}): Spearman {row['spearman']:.2f}.")
+    for name, rows in fidelity.dropna(subset="spearman").groupby("objective", sort=False):
+        first, edges = rows.iloc[0], rows.dropna(subset="edge_spearman")
+        metric = f"{'more' if first['sign'] > 0 else 'less'} {first['metric'].replace('_', ' ')}"
+        along = [f"{row['edge_spearman']:.2f} against {row['versus']}" for _, row in edges.iterrows()]
+        along = f"; {', '.join(along)}" if len(rows) > 1 and along else ""
+        lines.append(f"Fidelity of {name} ({metric}): Spearman {first['spearman']:.2f}{along}.")
+    lines += [] if possible is None else [describe_possible(possible)]
     return [*lines, describe_front(front)]
 
 

@@ -178,7 +178,8 @@ def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None
     Returns:
         One row per objective and other objective, with columns ``objective``, ``metric``, ``sign``, ``spearman``:
         rank correlation of λᵢ with the metric's mean per preference, times the sign (1 is perfect, NaN if a side is
-        constant), ``versus``, and the comparison of the two extreme preferences: ``mean``, ``mean_versus``, ``t``,
+        constant), ``versus``, ``edge_spearman``: the same over the preferences that weigh these two objectives alone,
+        and the comparison of the two extreme preferences: ``mean``, ``mean_versus``, ``t``,
         ``p``, ``stars`` (see :func:`compare_extremes`).
 
     Raises:
@@ -199,15 +200,43 @@ def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None
     for name, (metric, sign) in expected.items():
         if sign not in (1, -1):
             raise ValueError(f"The sign of objective '{name}' must be 1 or -1, got {sign}.")
-        groups = [(g[f"lambda_{name}"].iloc[0], metric_values(g, metric)) for _, g in frame.groupby("preference")]
-        weight, mean = np.array([(w, values.mean()) for w, values in groups if len(values)]).reshape(-1, 2).T
-        varied = len(mean) > 1 and np.ptp(weight) > 0 and np.ptp(mean) > 0
-        spearman = sign * scipy.stats.spearmanr(weight, mean).statistic if varied else np.nan
         tests = compare_extremes(frame, [metric]).query("first == @name")
         tests = tests.rename(columns={"second": "versus", "mean_first": "mean", "mean_second": "mean_versus"})
-        rows.append(tests.drop(columns="first").assign(objective=name, sign=sign, spearman=spearman))
-    order = ["objective", "metric", "sign", "spearman", "versus", "mean", "mean_versus", "t", "p", "stars"]
+        along = [sign * _rank(frame[on_edge(frame, (name, other))], name, metric) for other in tests["versus"]]
+        facts = {"objective": name, "sign": sign, "spearman": sign * _rank(frame, name, metric), "edge_spearman": along}
+        rows.append(tests.drop(columns="first").assign(**facts))
+    order = [
+        "objective",
+        "metric",
+        "sign",
+        "spearman",
+        "versus",
+        "edge_spearman",
+        "mean",
+        "mean_versus",
+        "t",
+        "p",
+        "stars",
+    ]
     return pd.concat(rows, ignore_index=True)[order] if rows else pd.DataFrame(columns=order)
+
+
+def _rank(frame: pd.DataFrame, objective: str, metric: str) -> float:
+    """Rank correlation of an objective's weight with the metric's mean per preference."""
+    groups = [(g[f"lambda_{objective}"].iloc[0], metric_values(g, metric)) for _, g in frame.groupby("preference")]
+    weight, mean = np.array([(w, values.mean()) for w, values in groups if len(values)]).reshape(-1, 2).T
+    varied = len(mean) > 1 and np.ptp(weight) > 0 and np.ptp(mean) > 0
+    return scipy.stats.spearmanr(weight, mean).statistic if varied else np.nan
+
+
+def on_edge(frame: pd.DataFrame, objectives: Sequence[str]) -> pd.Series:
+    """Which rows weigh these objectives alone, ``bool``.
+
+    >>> on_edge(pd.DataFrame({"lambda_demo": [0.0, 0.1], "lambda_distance": [1.0, 0.9]}), ["distance"]).tolist()
+    [True, False]
+    """
+    others = [f"lambda_{name}" for name in tuneable_objectives(frame) if name not in objectives]
+    return (frame[others] < 1e-6).all(axis=1)
 
 
 def _check_columns(frame: pd.DataFrame, columns: Sequence[str]) -> None:

@@ -41,7 +41,8 @@ def test_a_report_has_all_files_and_totals(tmp_path, names):
 
     files = sorted(path.name for path in (tmp_path / "new" / "report").iterdir())
     csv = ["episodes.csv", "fidelity.csv", "front.csv", "summary.csv"]
-    assert files == sorted([*csv, "front.png", "metrics.png", "table.md", "trajectories.png"])
+    more = ["exact_front.csv", "exact_front.png", "possible.csv"] if {"distance", "efficiency"} <= set(names) else []
+    assert files == sorted([*csv, *more, "front.png", "metrics.png", "table.md", "trajectories.png"])
     episodes, _, front, summary = (pd.read_csv(tmp_path / "new" / "report" / name) for name in csv)
     assert len(episodes) == 4 * len(summary) == 4 * len(front) == rollouts.batch_size.numel()
 

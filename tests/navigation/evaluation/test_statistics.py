@@ -91,6 +91,15 @@ def test_a_faithful_policy_scores_one(frame):
     assert table.loc["efficiency", "spearman"] == pytest.approx(1)
     assert table.loc["efficiency", "mean"] < table.loc["efficiency", "mean_versus"]
     assert table.loc["distance", "versus"] == "efficiency"
+    assert (table["edge_spearman"] == table["spearman"]).all()  # of two objectives there is one edge
+
+
+def test_fidelity_along_an_edge_leaves_the_inner_preferences_out(frame):
+    inner = frame.assign(lambda_demo=0.5, preference=frame["preference"] + 100, min_human_distance=-frame["preference"])
+    both = pd.concat([frame.assign(lambda_demo=0.0), inner], ignore_index=True)
+    rows = fidelity(both, {"distance": ("min_human_distance", 1)}).set_index("versus")
+    assert rows.loc["efficiency", "edge_spearman"] == pytest.approx(1)
+    assert rows.loc["efficiency", "spearman"] < 0.9
 
 
 def test_own_expectations_turn_the_sign(frame):

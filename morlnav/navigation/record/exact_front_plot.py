@@ -1,0 +1,69 @@
+"""The figure of what is possible: a policy's points beside the exact front of its scenes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from morlnav.record.colours import INK, blend, objective_colours
+
+if TYPE_CHECKING:
+    from morlnav.navigation.evaluation.exact_front import ExactFront
+
+
+def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
+    """Distance to the human against time, means over scenes: the front, every preference, and the area they dominate.
+
+    Right and down is better. The band holds the front of the middle 80 % of the scenes.
+
+    Args:
+        front: of the scenes.
+        table: from :func:`~morlnav.navigation.evaluation.exact_front.possible_table`.
+
+    Returns:
+        A figure; save it with ``figure.savefig("exact_front.png", dpi=150)``.
+
+    Examples:
+        >>> import torch
+        >>> from morlnav.navigation.evaluation.exact_front import ExactFront
+        >>> front = ExactFront(torch.tensor([0.48, 2.0]), torch.tensor([[10.0, 11.0]]), [])
+        >>> table = pd.DataFrame({"lambda_distance": [1.0, 0.0], "lambda_efficiency": [0.0, 1.0],
+        ...     "min_human_distance": [1.5, 0.6], "time_ratio": [1.1, 1.02], "on_edge": True})
+        >>> plot_exact_front(front, table).axes[0].get_ylabel()
+        'time over the shortest path'
+    """
+    from morlnav.navigation.evaluation.exact_front import SLOWEST
+
+    figure = Figure(figsize=(5.6, 4.0), layout="constrained", facecolor="w")
+    axes = figure.subplots()
+    distance = front.distance.numpy()
+    ratio = (front.length / front.length[:, :1]).numpy()
+    low, high = np.nanquantile(np.where(np.isfinite(ratio), ratio, np.nan), [0.1, 0.9], axis=0)
+    axes.fill_between(distance, low, high, color=INK, alpha=0.08, lw=0)
+    axes.plot(distance, front.time_ratio, color=INK, lw=1.4, label="exact front, and of 80 % of the scenes")
+    edge = table[table["on_edge"]].dropna().sort_values("min_human_distance")
+    grid = np.linspace(distance[0], distance[-1], 500)
+    reached = edge["min_human_distance"].to_numpy() >= grid[:, None]
+    least = np.where(reached, edge["time_ratio"].to_numpy(), SLOWEST).min(1, initial=SLOWEST)
+    axes.fill_between(grid, least, SLOWEST, where=least < SLOWEST, color="#2456d6", alpha=0.12, lw=0, step="mid")
+    names = [name for name in table if name.startswith("lambda_")]
+    colours = objective_colours([name.removeprefix("lambda_") for name in names])
+    axes.scatter(
+        table["min_human_distance"],
+        table["time_ratio"],
+        c=blend(table[names].to_numpy(), colours),
+        s=np.where(table["on_edge"], 42, 16),
+        zorder=3,
+    )
+    for name, colour in zip(names, colours, strict=True):
+        axes.scatter([], [], color=colour, label=f"all weight on {name.removeprefix('lambda_')}")
+    axes.set_xlabel("least distance to the human [m]")
+    axes.set_ylabel("time over the shortest path")
+    axes.legend(frameon=False, fontsize=8, loc="upper left")
+    axes.grid(color="#e9eaec")
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure

@@ -28,14 +28,18 @@ class NavigationEnv(EnvBase):
     ``action``                    ``[2]``    linear velocity v (m/s), angular velocity ω (rad/s)
     ``reward``                    ``[m]``    one entry per objective, unscaled; static objectives first
     ``pose``                      ``[3]``    x, y (m) and heading (rad) in the world frame
+    ``scene.start|goal|…``                   the scene, as of :class:`~morlnav.navigation.world.Scene`
     ``outcome.goal|human|box``    ``[1]``    whether the step ended at the goal or in contact
     ``terminated``, ``done``      ``[1]``    goal or contact; time limits are ``StepCounter``'s business
     ============================  =========  ==========================================================
 
+    ``pose`` and ``scene`` are the whole state: ``env.reset(tensordict, set_state=True)`` goes on from there.
+
     Args:
         world: the engine that moves robots, of which the environment takes a copy;
             :class:`~morlnav.navigation.world.TensorWorld` by default.
-        scenes: called as ``scenes(n, device="cpu", generator=...)`` for as many new scenes as episodes have ended.
+        scenes: called as ``scenes(n, device="cpu", generator=...)`` for as many new scenes as episodes have ended; if
+            it does not tell its ``num_boxes``, for one scene more, to see them.
         objectives: reward terms by name, in order; those with ``static = True`` must come first.
         num_envs: environments side by side; ``None`` for one without a batch dimension.
         observe_human: whether the human's position is part of the observation (``-NH`` ablation).
@@ -54,9 +58,13 @@ class NavigationEnv(EnvBase):
         torch.Size([4, 3, 3])
         >>> env.objectives
         ('distance', 'efficiency')
+        >>> again = env.reset(rollout[:, 1].select("pose", "scene"), set_state=True)
+        >>> torch.equal(again["observation"], rollout["observation"][:, 1])
+        True
     """
 
     batch_locked = True
+    _supports_set_state = True
 
     def __init__(
         self,
@@ -138,14 +146,23 @@ class NavigationEnv(EnvBase):
         on_device = {"shape": shape, "device": self.device}
         flag = Binary(n=1, shape=(*shape, 1), device=self.device, dtype=torch.bool)
         outcome = Composite({name: flag.clone() for name in ("goal", "human", "box")}, **on_device)
+        sizes = {"start": (3,), "goal": (2,), "human": (2,), "boxes": (self._num_boxes(), 5)}
+        scene = {name: Unbounded(shape=(*shape, *size), device=self.device) for name, size in sizes.items()}
+        pose = Unbounded(shape=(*shape, 3), device=self.device)
+        self.state_spec = Composite(pose=pose, scene=Composite(scene, **on_device), **on_device)
         self.observation_spec = Composite(
-            observation=bounded(low, high),
-            pose=Unbounded(shape=(*shape, 3), device=self.device),
-            outcome=outcome,
-            **on_device,
+            observation=bounded(low, high), outcome=outcome, **self.state_spec.clone(), **on_device
         )
         self.action_spec = bounded(self.world.robot.action_low, self.world.robot.action_high)
         self.reward_spec = Unbounded(shape=(*shape, len(self.rewards)), device=self.device)
+
+    def _num_boxes(self) -> int:
+        if hasattr(self.scenes, "num_boxes"):
+            return self.scenes.num_boxes
+        return self.scenes(1, device="cpu", generator=torch.Generator()).boxes.shape[-2]
+
+    def _input_td_has_state(self, tensordict: TensorDictBase | None) -> bool:
+        return False  # that somebody hands over is taken with set_state=True alone, as in all of TorchRL from 0.15 on
 
     def seen(self, observation: Tensor) -> Tensor:
         """What a policy sees of a whole observation ``[..., 34]``; ``[..., 32]`` without the human."""
@@ -158,6 +175,7 @@ class NavigationEnv(EnvBase):
             {
                 "observation": observation,
                 "pose": self.world.pose.clone(),
+                "scene": self.world.scene.to_tensordict(),
                 "outcome": {"goal": goal.unsqueeze(-1), "human": human.unsqueeze(-1), "box": box.unsqueeze(-1)},
                 "done": done,
                 "terminated": done.clone(),
@@ -167,8 +185,24 @@ class NavigationEnv(EnvBase):
         )
         return out
 
-    def _reset(self, tensordict: TensorDictBase | None = None, *, scene: Scene | None = None, **_: Any) -> TensorDict:
-        """Begin new episodes; ``env.reset(scene=my_scenes)`` starts in given scenes, which are checked first."""
+    def _reset(
+        self,
+        tensordict: TensorDictBase | None = None,
+        *,
+        scene: Scene | None = None,
+        set_state: bool = False,
+        **_: Any,
+    ) -> TensorDict:
+        """Begin new episodes; ``env.reset(scene=my_scenes)`` starts in given scenes, which are checked first.
+
+        With ``set_state``, go on from the poses and scenes in ``tensordict``.
+        """
+        never = torch.zeros(self._count, dtype=torch.bool, device=self.device)
+        if set_state:
+            state = tensordict.select("pose", "scene").reshape(self._count)
+            self.world.load_state_dict({"pose": state["pose"], **state["scene"].to_dict()})
+            self._observation = self.world.observe()
+            return self._outputs(never, never, never).reshape(self.batch_size)
         mask = tensordict.get("_reset", None) if tensordict is not None else None
         mask = mask.reshape(self._count) if mask is not None and self.world.scene is not None else None
         if scene is None:
@@ -180,7 +214,6 @@ class NavigationEnv(EnvBase):
             scene.check(self.world.robot.radius, self.world.human_radius)
         self.world.reset(scene, mask)
         self._observation = self.world.observe()
-        never = torch.zeros(self._count, dtype=torch.bool, device=self.device)
         return self._outputs(never, never, never).reshape(self.batch_size)
 
     def _draw(self, mask: Tensor | None) -> Scene:

@@ -13,6 +13,7 @@ from morlnav.objectives.terms import (
     Judged,
     LossTerm,
     Proposals,
+    RolloutSearch,
     Search,
 )
 
@@ -29,5 +30,6 @@ __all__ = [
     "Proposals",
     "RankingLoss",
     "ReturnBounds",
+    "RolloutSearch",
     "Search",
 ]

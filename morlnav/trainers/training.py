@@ -195,7 +195,8 @@ class Training:
         critics = [supply(self.critic, **live).to(env.device) for _ in range(setting(self.loss, "num_qvalue_nets"))]
         policy = TensorDictModule(actor, ["observation", "preference"], ["action"])
         replay = self._make_replay(live)
-        live["reward_bounds"] = _as_learned(live["reward_bounds"], replay)
+        live["reward_unit"] = partial(_as_learned, replay=replay)
+        live["reward_bounds"] = live["reward_unit"](live["reward_bounds"])
         loss = self._make_loss(live, policy, critics, {name: reward.clone for name, reward in learned.items()})
         batches = max(1, math.ceil(setting(self.trainer, "total_frames") / self._frames_per_batch(env)))
         noise = self._make_exploration(live, batches).to(env.device)
@@ -221,7 +222,8 @@ class Training:
         StopDivergence().register(trainer)  # before all that looks at what was learned
         for name, part in self.hooks.items():
             supply(part, **live).register(trainer, name)
-        SelectKeys([*KEPT, *(("next", key) for key in KEPT_NEXT)]).register(trainer)
+        kept = [*KEPT, *(("next", key) for key in KEPT_NEXT), *loss.in_keys]
+        SelectKeys(list(dict.fromkeys(kept))).register(trainer)
         ReplayBufferTrainer(replay, flatten_tensordicts=True).register(trainer)
         StepExploration(noise).register(trainer)
         return trainer
@@ -321,12 +323,12 @@ class Training:
         return frames
 
 
-def _as_learned(bounds: Tensor, replay: ReplayBuffer) -> Tensor:
-    """Bounds of a reward ``[2, m]`` in the unit that replay gives the learner."""
+def _as_learned(reward: Tensor, replay: ReplayBuffer) -> Tensor:
+    """Rewards ``[..., m]`` in the unit that replay gives the learner."""
     for transform in replay._transform:
         if isinstance(transform, RewardScaling) and ("next", "reward") in transform.in_keys:
-            bounds = transform.scale * bounds + transform.loc
-    return bounds
+            reward = transform.scale * reward + transform.loc
+    return reward
 
 
 def product_dtype(name: str, device: torch.device) -> torch.dtype:

@@ -3,6 +3,7 @@
 from morlnav.objectives.terms.angle import AngleTerm, ClampedAngleTerm
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
 from morlnav.objectives.terms.proposals import Guidance, Proposals, Search
+from morlnav.objectives.terms.rollouts import RolloutSearch
 
 __all__ = [
     "Acted",
@@ -12,5 +13,6 @@ __all__ = [
     "Judged",
     "LossTerm",
     "Proposals",
+    "RolloutSearch",
     "Search",
 ]

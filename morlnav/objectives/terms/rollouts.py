@@ -53,7 +53,7 @@ class RolloutSearch(LossTerm):
         >>> def make_env(num_envs):
         ...     return TransformedEnv(NavigationEnv(num_envs=num_envs), DrawPreference(UniformPreferences(2)))
         >>> RolloutSearch(states=4, copies=2, make_env=make_env).in_keys[:2]
-        ['pose', ('scene', 'boxes')]
+        ['pose', ('scene', 'start')]
     """
 
     def __init__(

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import pandas as pd
+
+from morlnav.navigation.evaluation import (
+    ExactFront,
+    evaluation_scenes,
+    exact_front,
+    fidelity,
+    possible_table,
+    summarise,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
@@ -26,7 +36,7 @@ def three_styles() -> str:
     """A row for each seed of the default recipe."""
     runs = {"0": RESULTS / "default"} | {_seed(path): path for path in sorted((RESULTS / "three_styles").iterdir())}
     head = ["seed", "off demonstration", "human on right", "distance to human", "than shortest path"]
-    head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES)]
+    head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES), "of the front", "excess"]
     return _table(head, ([seed, *_seed_row(path)] for seed, path in runs.items()))
 
 
@@ -34,9 +44,8 @@ def two_objectives() -> str:
     """A row for each seed of ``recipe=analytical``."""
     runs = {_seed(path): path for path in sorted((RESULTS / "two_objectives").iterdir())}
     head = ["seed", "distance to human", "than shortest path", "all: success", "collision", "timeout"]
-    return _table(
-        [*head, *(f"ρ {name}" for name in STYLES[1:])], ([seed, *_seed_row(path)] for seed, path in runs.items())
-    )
+    head += [*(f"ρ {name}" for name in STYLES[1:]), "of the front", "excess"]
+    return _table(head, ([seed, *_seed_row(path)] for seed, path in runs.items()))
 
 
 TABLES = {"README.md": (styles,), "docs/results.md": (styles, three_styles, two_objectives)}
@@ -52,15 +61,23 @@ def renewed(page: str) -> str:
 
 
 def _seed_row(run: Path) -> list[str]:
-    episodes, fidelity = _read(run, "episodes"), _read(run, "fidelity")
+    episodes = _read(run, "episodes")
     at = {name: episodes[episodes[f"lambda_{name}"] == 1] for name in STYLES if f"lambda_{name}" in episodes}
     row = []
     if "demo" in at:
         row = [f"{at['demo']['frechet'].mean():.2f} m", _percent(at["demo"]["human_on_right"], "{:.0f}")]
     row.append(f"{at['distance']['min_human_distance'].mean():.2f} m")
     row.append(_percent(_times(at["efficiency"])["time_ratio"] - 1, "+{:.1f}"))
-    ranks = fidelity.groupby("objective")["spearman"].first()
-    return [*row, *_outcome(episodes, "collision", "timeout"), *(f"{ranks[name]:.2f}" for name in at)]
+    ranks = fidelity(episodes).groupby("objective")["edge_spearman"].min()
+    possible = possible_table(_front(), summarise(episodes, resamples=2)).iloc[0]
+    reached = f"{100 * possible['front_share']:.0f} %", f"+{100 * possible['mean_excess']:.1f} %"
+    return [*row, *_outcome(episodes, "collision", "timeout"), *(f"{ranks[name]:.2f}" for name in at), *reached]
+
+
+@cache
+def _front() -> ExactFront:
+    """Of the scenes that every kept run was evaluated in."""
+    return exact_front(evaluation_scenes(100, seed=12345))
 
 
 def _outcome(episodes: pd.DataFrame, *others: str) -> list[str]:

@@ -59,13 +59,13 @@ class RolloutSearch(LossTerm):
     def __init__(
         self,
         coefficient: float = 1.0,
-        margin: float = 0.01,
+        margin: float = 0.002,
         states: int = 96,
         copies: int = 8,
         horizon: int = 25,
         hold: int = 15,
         spread: float = 0.25,
-        octaves: float = 0.0,
+        octaves: float = 4.0,
         interval: int = 8,
         *,
         make_env: Callable[..., EnvBase],
@@ -81,9 +81,12 @@ class RolloutSearch(LossTerm):
         self.states, self.copies, self.horizon, self.hold = states, copies, horizon, hold
         self.spread, self.octaves, self.interval = spread, octaves, interval
         self.reward_unit = reward_unit
+        if not (env := make_env(num_envs=1))._supports_set_state:
+            raise ValueError(
+                f"{type(env).__name__} cannot be set to a state (TorchRL's set_state), which a search by roll-outs "
+                "needs; leave it out (loss.terms.rollouts=null)."
+            )
         env = make_env(num_envs=states * copies)
-        if not env._supports_set_state:
-            raise ValueError("it needs an environment that can be set to a state (TorchRL's reset(…, set_state=True)).")
         self._env = (env,)  # its transforms are no parts of the loss
         observed, size = env.observation_spec, env.action_spec.shape[-1]
         self._state_keys = list(env.state_spec.keys(True, True))
@@ -108,6 +111,7 @@ class RolloutSearch(LossTerm):
         distance = ((acted.policy(asked) - self.found) / acted.half_range).square().sum(-1)
         return (self.coefficient * self.better * distance).mean().expand(len(acted.action))
 
+    @torch.compiler.disable  # an environment is no graph
     @torch.no_grad()
     def _search(self, acted: Acted) -> None:
         """Look for better actions in some states of the batch."""

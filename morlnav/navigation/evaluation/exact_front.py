@@ -79,10 +79,17 @@ class ExactFront:
             0.25
         """
         grid = np.linspace(*self.distance[[0, -1]].tolist(), 2001)
-        reached = distance >= grid[:, None]
-        least = np.where(reached, time_ratio, SLOWEST).min(1, initial=SLOWEST)
-        front = self.at(grid)
-        return float((SLOWEST - np.maximum(least, front)).clip(0).sum() / (SLOWEST - front).clip(0).sum())
+        reached, front = reach(distance, time_ratio, grid), self.at(grid)
+        return float((SLOWEST - np.maximum(reached, front)).clip(0).sum() / (SLOWEST - front).clip(0).sum())
+
+
+def reach(distance: np.ndarray, time_ratio: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The least time ratio among points ``[P]`` that keep each of the distances ``at`` ``[G]``, at most ``SLOWEST``.
+
+    >>> reach(np.array([1.0, 0.6]), np.array([1.05, 1.01]), at=np.array([0.5, 0.8, 1.5]))
+    array([1.01, 1.05, 1.12])
+    """
+    return np.where(distance >= at[:, None], time_ratio, SLOWEST).min(1, initial=SLOWEST)
 
 
 def exact_front(scenes: Scene, world: World | None = None, steps: int = 9) -> ExactFront:
@@ -125,7 +132,7 @@ def path_returns(
         paths: a polyline ``[L, 2]`` in metres for each scene.
         scenes: batched ``[S]``.
         objectives: reward terms by name.
-        world: gives observations; a copy of it is used.
+        world: its sizes, its lidar, and the time of a step.
 
     Examples:
         >>> from morlnav.navigation.envs import Efficiency

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from morlnav.navigation.evaluation.exact_front import SLOWEST, ExactFront, reach
 from morlnav.record.colours import INK, blend, objective_colours
-
-if TYPE_CHECKING:
-    from morlnav.navigation.evaluation.exact_front import ExactFront
 
 
 def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
@@ -35,8 +31,6 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
         >>> plot_exact_front(front, table).axes[0].get_ylabel()
         'time over the shortest path'
     """
-    from morlnav.navigation.evaluation.exact_front import SLOWEST
-
     figure = Figure(figsize=(5.6, 4.0), layout="constrained", facecolor="w")
     axes = figure.subplots()
     distance = front.distance.numpy()
@@ -44,11 +38,10 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
     low, high = np.nanquantile(np.where(np.isfinite(ratio), ratio, np.nan), [0.1, 0.9], axis=0)
     axes.fill_between(distance, low, high, color=INK, alpha=0.08, lw=0)
     axes.plot(distance, front.time_ratio, color=INK, lw=1.4, label="exact front, and of 80 % of the scenes")
-    edge = table[table["on_edge"]].dropna().sort_values("min_human_distance")
+    edge = table[table["on_edge"]].dropna()
     grid = np.linspace(distance[0], distance[-1], 500)
-    reached = edge["min_human_distance"].to_numpy() >= grid[:, None]
-    least = np.where(reached, edge["time_ratio"].to_numpy(), SLOWEST).min(1, initial=SLOWEST)
-    axes.fill_between(grid, least, SLOWEST, where=least < SLOWEST, color="#2456d6", alpha=0.12, lw=0, step="mid")
+    reached = reach(edge["min_human_distance"].to_numpy(), edge["time_ratio"].to_numpy(), grid)
+    axes.fill_between(grid, reached, SLOWEST, where=reached < SLOWEST, color="#2456d6", alpha=0.12, lw=0, step="mid")
     names = [name for name in table if name.startswith("lambda_")]
     colours = objective_colours([name.removeprefix("lambda_") for name in names])
     axes.scatter(

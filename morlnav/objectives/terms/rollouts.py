@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import torch
-import torch.nn.functional as F
 from tensordict import TensorDict
 from tensordict.utils import NestedKey
 from torch import Tensor
@@ -19,9 +18,9 @@ class RolloutSearch(LossTerm):
     """Policy improvement by roll-outs (Bertsekas, 2020, Sec. 2.4) in an environment that can be set to a state.
 
     A single action changes the return by less than a critic's error; an action that is *held* does not. In some of the
-    replayed states, copies of the actor drive on in the environment: one as it is, the others with an offset to one
-    entry of their actions, which each holds for some steps before it drives as the actor does. What they earn in
-    ``horizon`` steps is known, and the critics judge where that ends::
+    replayed states, copies of the actor drive on in the environment: one as it is, the others with an offset that each
+    holds for some steps before it drives as the actor does. What they earn in ``horizon`` steps is known, and the critics
+    judge where that ends::
 
         G = Σ_{h<H} γ^h·r_h + γ^H·mean_k Q_k(s_H, π(s_H, λ), λ)
 
@@ -36,7 +35,7 @@ class RolloutSearch(LossTerm):
         copies: of the actor in each of them, one of which drives as it is.
         horizon: steps ``H`` of a roll-out.
         hold: the most steps that an offset is held; each copy draws from 1 up to it.
-        spread: standard deviation of the offset's largest size, in units of half the action range ...
+        spread: largest standard deviation of an offset, in units of half the action range ...
         octaves: ... which is divided by up to two to this power, evenly in the exponent: small offsets refine.
         interval: actor updates from one search to the next; those between learn from the same answers.
         make_env: makes ``make_env(num_envs=...)`` side by side, with ``_supports_set_state``.
@@ -145,13 +144,8 @@ class RolloutSearch(LossTerm):
         """What copies add to their action ``[copies·states, A]``, and for how many steps ``[copies·states, 1]``."""
         device = self.found.device
         shape = self.copies, self.states
-        size = (
-            self.spread
-            * torch.randn(*shape, 1, device=device)
-            / 2 ** (self.octaves * torch.rand(*shape, 1, device=device))
-        )
-        entry = torch.randint(self.found.shape[-1], shape, device=device)
-        offset = size * half_range * F.one_hot(entry, self.found.shape[-1])
+        size = self.spread / 2 ** (self.octaves * torch.rand(*shape, 1, device=device))
+        offset = size * torch.randn(*shape, self.found.shape[-1], device=device) * half_range
         offset[0] = 0
         hold = torch.randint(1, self.hold + 1, (*shape, 1), device=device)
         return offset.flatten(0, 1), hold.flatten(0, 1)

@@ -19,8 +19,8 @@ class RolloutSearch(LossTerm):
 
     A single action changes the return by less than a critic's error; an action that is *held* does not. In some of the
     replayed states, copies of the actor drive on in the environment: one as it is, the others with an offset that each
-    holds for some steps before it drives as the actor does. What they earn in ``horizon`` steps is known, and the critics
-    judge where that ends::
+    holds for some steps before it drives as the actor does. What they earn in ``horizon`` steps is known, and the
+    critics judge where that ends::
 
         G = Σ_{h<H} γ^h·r_h + γ^H·mean_k Q_k(s_H, π(s_H, λ), λ)
 

@@ -49,8 +49,10 @@ from morlnav.objectives import (
     MORLTD3Loss,
     Proposals,
     ReturnBounds,
+    RolloutSearch,
     Search,
 )
+from morlnav.objectives.terms import Acted
 from morlnav.transforms import DemonstrationReward, DrawPreference, HindsightPreferenceRelabel
 
 DEVICE = torch.device("cuda:0")
@@ -105,7 +107,7 @@ def answers():
         yield
 
 
-def make_env(num_boxes=3, **settings):
+def make_env(num_boxes=3, num_envs=4, **settings):
     scenes = lambda count, **_: Scene(  # noqa: E731
         start=torch.zeros(count, 3),
         goal=torch.zeros(count, 2),
@@ -113,7 +115,7 @@ def make_env(num_boxes=3, **settings):
         boxes=torch.zeros(count, num_boxes, 5),
         batch_size=[count],
     )
-    return NavigationEnv(TensorWorld(device=DEVICE), scenes, num_envs=4, seed=0, **settings)
+    return NavigationEnv(TensorWorld(device=DEVICE), scenes, num_envs=num_envs, seed=0, **settings)
 
 
 def make_actor(num_objectives):
@@ -238,6 +240,34 @@ def test_an_update_never_waits_for_the_device(accelerator, kind, dtype):
         torch.nn.utils.clip_grad_norm_(parameters, 10.0)
         optimizer.step()
         targets.step()
+
+
+def test_a_search_by_roll_outs_stays_on_the_device(accelerator):
+    actor, critic = make_actor(2), VectorCritic(3, 2, **ROBOT, features=NavigationFeatures())
+    with accelerator, answers():
+        actor, critic = actor.to(DEVICE), critic.to(DEVICE)
+
+        def prefer(num_envs):
+            return TransformedEnv(make_env(num_envs=num_envs), DrawPreference(UniformPreferences(2)))
+
+        term = RolloutSearch(states=3, copies=2, horizon=2, hold=2, make_env=prefer).to(DEVICE)
+        batch = prefer(8).reset()
+        acted = Acted(
+            batch,
+            batch["preference"],
+            torch.rand(8, 3, device=DEVICE),
+            torch.rand(1, 8, 3, device=DEVICE),
+            gamma=torch.rand(3, device=DEVICE),
+            values_of=lambda td: critic(td["observation"], td["preference"], td["action"]).unsqueeze(0),
+            action=torch.rand(8, 2, device=DEVICE),
+            low=torch.zeros(2, device=DEVICE),
+            high=torch.ones(2, device=DEVICE),
+            value_of=None,
+            policy=lambda td: actor(td["observation"], td["preference"]),
+        )
+        term._search(acted)
+        assert term.actor(acted).device == DEVICE
+        assert {buffer.device for buffer in term.buffers()} == {DEVICE}
 
 
 def test_the_interpolator_learns_and_answers_without_waiting(accelerator):

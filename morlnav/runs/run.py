@@ -31,16 +31,16 @@ class Run:
         ValueError: if its config is damaged, older than this version, or names foreign classes and is not trusted.
 
     Examples:
-        >>> run = Run(Path("results/default"))
+        >>> run = Run("results/default")
         >>> run.policy.objectives
         ('demo', 'distance', 'efficiency')
         >>> sorted(run.learned)
         ['demo']
     """
 
-    def __init__(self, directory: Path, trust: bool = False, changes: Mapping[str, Any] | None = None) -> None:
-        self.directory, self.trust = directory, trust
-        self.config = readable(load_config(directory), directory)
+    def __init__(self, directory: str | Path, trust: bool = False, changes: Mapping[str, Any] | None = None) -> None:
+        self.directory, self.trust = Path(directory), trust
+        self.config = readable(load_config(directory), self.directory)
         if not trust and (foreign := foreign_targets(self.config)):
             raise ValueError(
                 f"This run uses the foreign {foreign[0]}; if it is your own, trust it (--trust, or trust=True)."

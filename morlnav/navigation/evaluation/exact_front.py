@@ -79,17 +79,17 @@ class ExactFront:
             0.25
         """
         grid = np.linspace(*self.distance[[0, -1]].tolist(), 2001)
-        reached, front = reach(distance, time_ratio, grid), self.at(grid)
+        reached, front = self.reach(distance, time_ratio, grid), self.at(grid)
         return float((SLOWEST - np.maximum(reached, front)).clip(0).sum() / (SLOWEST - front).clip(0).sum())
 
+    @staticmethod
+    def reach(distance: np.ndarray, time_ratio: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """The least time ratio of points ``[P]`` that keep a distance, for distances ``at`` ``[G]``; else ``SLOWEST``.
 
-def reach(distance: np.ndarray, time_ratio: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """The least time ratio among points ``[P]`` that keep each of the distances ``at`` ``[G]``, at most ``SLOWEST``.
-
-    >>> reach(np.array([1.0, 0.6]), np.array([1.05, 1.01]), at=np.array([0.5, 0.8, 1.5]))
-    array([1.01, 1.05, 1.12])
-    """
-    return np.where(distance >= at[:, None], time_ratio, SLOWEST).min(1, initial=SLOWEST)
+        >>> ExactFront.reach(np.array([1.0, 0.6]), np.array([1.05, 1.01]), at=np.array([0.5, 0.8, 1.5]))
+        array([1.01, 1.05, 1.12])
+        """
+        return np.where(distance >= at[:, None], time_ratio, SLOWEST).min(1, initial=SLOWEST)
 
 
 def exact_front(scenes: Scene, world: World | None = None, steps: int = 9) -> ExactFront:

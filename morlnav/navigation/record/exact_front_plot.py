@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from morlnav.navigation.evaluation.exact_front import SLOWEST, ExactFront, reach
 from morlnav.record.colours import INK, blend, objective_colours
+
+if TYPE_CHECKING:
+    from morlnav.navigation.evaluation.exact_front import ExactFront
 
 
 def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
@@ -40,8 +44,9 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
     axes.plot(distance, front.time_ratio, color=INK, lw=1.4, label="exact front (and of 80 % of the scenes)")
     edge = table[table["on_edge"]].dropna()
     grid = np.linspace(distance[0], distance[-1], 500)
-    reached = reach(edge["min_human_distance"].to_numpy(), edge["time_ratio"].to_numpy(), grid)
-    axes.fill_between(grid, reached, SLOWEST, where=reached < SLOWEST, color="#2456d6", alpha=0.12, lw=0, step="mid")
+    reached = front.reach(edge["min_human_distance"].to_numpy(), edge["time_ratio"].to_numpy(), grid)
+    most = front.reach(np.array([]), np.array([]), grid)
+    axes.fill_between(grid, reached, most, where=reached < most, color="#2456d6", alpha=0.12, lw=0, step="mid")
     names = [name for name in table if name.startswith("lambda_")]
     colours = objective_colours([name.removeprefix("lambda_") for name in names])
     axes.scatter(

@@ -81,9 +81,10 @@ class RolloutSearch(LossTerm):
         self.spread, self.octaves, self.interval = spread, octaves, interval
         self.reward_unit = reward_unit
         if not (env := make_env(num_envs=1))._supports_set_state:
+            name = type(getattr(env, "base_env", env)).__name__
             raise ValueError(
-                f"{type(env).__name__} cannot be set to a state (TorchRL's set_state), which a search by roll-outs "
-                "needs; leave it out (loss.terms.rollouts=null)."
+                f"{name} cannot be set to a state (TorchRL's set_state), which a search by roll-outs needs; leave it "
+                "out (loss.terms.rollouts=null)."
             )
         env = make_env(num_envs=states * copies)
         self._env = (env,)  # its transforms are no parts of the loss

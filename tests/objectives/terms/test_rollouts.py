@@ -120,7 +120,7 @@ def test_the_pull_has_a_gradient_to_the_actor_alone(batch):
 
 
 def test_an_environment_that_cannot_be_set_is_refused():
-    with pytest.raises(ValueError, match=r"Forgetful cannot be set to a state .* leave it out"):
+    with pytest.raises(ValueError, match=r"Forgetful cannot be set to a state .* leave it out \(loss"):
         RolloutSearch(make_env=lambda num_envs: Forgetful())
 
 

@@ -63,7 +63,6 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
     with reserved(directory):
         trainer = _begin(settings, training) if checkpoint is None else _continue(settings, training, checkpoint)
         _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
-        settings.save()
         return _train(training, trainer, directory)
 
 
@@ -99,6 +98,7 @@ def _continue(settings: Settings, training: Training, checkpoint: Path) -> Train
     if trainer.progress_bar:
         trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
     remove_leftovers(settings.directory)
+    settings.save()
     trainer.logger = training.make_logger(settings.directory)
     return trainer
 

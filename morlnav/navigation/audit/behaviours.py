@@ -6,11 +6,11 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from morlnav.navigation.envs import Objective
+from morlnav.navigation.evaluation.paths import evenly
 from morlnav.navigation.evaluation.rollout import Rollouts, evaluate_policy
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import Scene, TensorWorld, World
@@ -202,7 +202,7 @@ class PathFollower(nn.Module):
         self.register_buffer(
             "start", (scenes.start[None, :, :2] - torch.stack([scenes.goal, scenes.human])).norm(dim=-1)
         )
-        waypoints = [_evenly(path, speed * step_time) for path in paths.double().cpu().numpy()]
+        waypoints = [evenly(path, speed * step_time) for path in paths.double().cpu().numpy()]
         self.register_buffer("last", torch.tensor([len(line) - 1 for line in waypoints], device=paths.device))
         lines = [torch.from_numpy(line).to(paths) for line in waypoints]
         self.register_buffer("waypoints", nn.utils.rnn.pad_sequence(lines, batch_first=True))
@@ -241,10 +241,3 @@ class PathFollower(nn.Module):
         """The next waypoints in the robots' frames ``[S, 2]``, in which the humans stand at ``human``."""
         waypoint = self.waypoints[torch.arange(len(self.next), device=self.next.device), self.next]
         return human + to_frame(waypoint, self.human, heading)
-
-
-def _evenly(path: np.ndarray, spacing: float) -> np.ndarray:
-    """Points ``[L, 2]`` on a polyline, ``spacing`` metres of arc apart, without its first and with its last point."""
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    at = np.append(np.arange(spacing, along[-1], spacing), along[-1])
-    return np.stack([np.interp(at, along, coordinate) for coordinate in path.T], 1)

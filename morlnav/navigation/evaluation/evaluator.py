@@ -124,8 +124,9 @@ class NavigationEvaluation(Evaluation):
         """Scenes that stay the same while a policy learns, with what is known of them."""
         if episodes not in self._known:
             scenes, world = self.scenes(episodes, self.seed + 1), self.env.world
-            shortest = shortest_path(scenes, world.robot.radius, world.human_radius, world.goal_radius)
             front = exact_front(scenes, world) if set(EDGE) <= set(self.objectives) else None
+            radii = world.robot.radius, world.human_radius, world.goal_radius
+            shortest = shortest_path(scenes, *radii) if front is None else front.length[:, 0]
             self._known[episodes] = scenes, shortest, self.references(scenes), front
         return self._known[episodes]
 

@@ -14,7 +14,7 @@ from morlnav.evaluation.pareto import Scalarisation, utility
 from morlnav.navigation.envs import Objective, Transition
 from morlnav.navigation.envs.step import reward_vector
 from morlnav.navigation.evaluation.metrics import is_free
-from morlnav.navigation.evaluation.paths import shortest_polylines
+from morlnav.navigation.evaluation.paths import evenly, polyline_lengths, shortest_polylines
 from morlnav.navigation.evaluation.statistics import on_edge, tuneable_objectives
 from morlnav.navigation.world import Contact, Scene, TensorWorld, World
 
@@ -43,10 +43,14 @@ class ExactFront:
     paths: list[list[Tensor]]
 
     @property
+    def ratio(self) -> Tensor:
+        """Length over the shortest path's, ``[S, D]``."""
+        return self.length / self.length[:, :1]
+
+    @property
     def time_ratio(self) -> Tensor:
         """Mean time over the shortest path's ``[D]``, over the scenes in which every distance can be kept."""
-        possible = self.length.isfinite().all(1)
-        return (self.length[possible] / self.length[possible, :1]).mean(0)
+        return self.ratio[self.length.isfinite().all(1)].mean(0)
 
     def table(self) -> pd.DataFrame:
         """A row per scene and distance: ``length`` in metres, and its ratio to the shortest path's."""
@@ -55,7 +59,7 @@ class ExactFront:
             "scene": torch.arange(scenes).repeat_interleave(steps),
             "distance": self.distance.repeat(scenes),
             "length": self.length.flatten(),
-            "time_ratio": (self.length / self.length[:, :1]).flatten(),
+            "time_ratio": self.ratio.flatten(),
         }
         return pd.DataFrame({name: value.numpy() for name, value in columns.items()})
 
@@ -115,10 +119,8 @@ def exact_front(scenes: Scene, world: World | None = None, steps: int = 9) -> Ex
     radius = world.robot.radius
     distance = torch.linspace(radius + world.human_radius, FARTHEST, steps, dtype=torch.float64)
     columns = [shortest_polylines(scenes, radius, kept - radius, world.goal_radius) for kept in distance.tolist()]
-    length = [[line.diff(dim=0).norm(dim=-1).sum() if len(line) else torch.inf for line in lines] for lines in columns]
-    return ExactFront(
-        distance.round(decimals=6), torch.tensor(length).double().T, [list(row) for row in zip(*columns, strict=True)]
-    )
+    length = torch.stack([polyline_lengths(lines) for lines in columns], 1)
+    return ExactFront(distance.round(decimals=6), length, [list(row) for row in zip(*columns, strict=True)])
 
 
 def path_returns(
@@ -168,9 +170,7 @@ def path_returns(
 def _poses(path: Tensor, reach: float) -> Tensor:
     """Where a robot that drives ``reach`` metres a step is on a polyline, facing its next step, ``[T + 1, 3]``."""
     path = path.double().cpu().numpy()
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    at = np.append(np.arange(0, along[-1] - 1e-6, reach), along[-1])
-    point = np.stack([np.interp(at, along, coordinate) for coordinate in path.T], 1)
+    point = np.concatenate([path[:1], evenly(path, reach)])
     x, y = np.diff(point, axis=0).T
     course = np.arctan2(y, x)
     return torch.from_numpy(np.column_stack([point, np.append(course, course[-1:])])).float()

@@ -75,7 +75,7 @@ def episode_metrics(
     num_terms, num_tuneable = rollouts.reward.shape[-1], rollouts.preference.shape[-1]
     if len(rewards) != num_terms:
         raise ValueError(f"The rewards have {num_terms} entries, but {len(rewards)} are named.")
-    named = references if isinstance(references, Mapping) else {} if references is None else {"demo": references}
+    named = by_objective(references)
     for paths in named.values():
         if len(paths) != scenes:
             raise ValueError(f"Need one reference path for each of the {scenes} scenes, got {len(paths)}.")
@@ -117,6 +117,13 @@ def episode_metrics(
         columns[frechet_column(name)] = frechet
         columns[frechet_column(name, "frechet_free")] = frechet.where(torch.tensor(free), torch.nan)
     return pd.DataFrame({name: _tidy(value) for name, value in columns.items()})
+
+
+def by_objective(
+    references: Sequence[Tensor] | Mapping[str, Sequence[Tensor]] | None,
+) -> Mapping[str, Sequence[Tensor]]:
+    """Reference paths by the name of their objective, which is ``demo`` where there is one alone."""
+    return references if isinstance(references, Mapping) else {} if references is None else {"demo": references}
 
 
 def frechet_column(objective: str, prefix: str = "frechet") -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 import torch
@@ -34,9 +36,24 @@ def shortest_path(
         >>> shortest_path(scene)
         tensor([7.6500], dtype=torch.float64)
     """
-    lines = shortest_polylines(scene, robot_radius, human_radius, goal_radius, quad_segs)
+    return polyline_lengths(shortest_polylines(scene, robot_radius, human_radius, goal_radius, quad_segs))
+
+
+def polyline_lengths(lines: Sequence[Tensor]) -> Tensor:
+    """Lengths of polylines ``[L, 2]`` in metres, ``[S]``; ``inf`` of an empty one.
+
+    >>> polyline_lengths([torch.tensor([[0.0, 0.0], [3.0, 4.0]]), torch.zeros(0, 2)])
+    tensor([5., inf], dtype=torch.float64)
+    """
     lengths = [line.diff(dim=0).norm(dim=-1).sum() if len(line) else torch.tensor(torch.inf) for line in lines]
     return torch.tensor(lengths, dtype=torch.float64)
+
+
+def evenly(path: np.ndarray, spacing: float) -> np.ndarray:
+    """Points ``[L, 2]`` on a polyline, ``spacing`` metres of arc apart, without its first and with its last point."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.append(np.arange(spacing, along[-1], spacing), along[-1])
+    return np.stack([np.interp(at, along, coordinate) for coordinate in path.T], 1)
 
 
 def shortest_polylines(

@@ -18,7 +18,7 @@ from morlnav.navigation.evaluation.exact_front import (
     exact_front,
     possible_table,
 )
-from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_column
+from morlnav.navigation.evaluation.metrics import by_objective, episode_metrics, frechet_column
 from morlnav.navigation.evaluation.rollout import Rollouts
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise, tuneable_objectives
 from morlnav.navigation.world import World
@@ -82,7 +82,10 @@ def write_report(
         ValueError: if names, references or the reference point do not fit the rollouts.
     """
     directory = Path(directory)
-    frame = episode_metrics(rollouts, rewards, world=world, references=references)
+    tuneable = rewards[len(rewards) - rollouts.preference.shape[-1] :]
+    limits = exact_front(rollouts.scene[0], world) if set(EDGE) <= set(tuneable) else None
+    shortest = None if limits is None else limits.length[:, 0]
+    frame = episode_metrics(rollouts, rewards, world=world, references=references, shortest=shortest)
     summary, faithful = summarise(frame), fidelity(frame)
     front = front_table(
         rollouts.preference[:, 0],
@@ -92,13 +95,11 @@ def write_report(
         scalarisation,
     )
     tables = {"episodes": frame, "summary": summary, "fidelity": faithful, "front": front}
-    limits = None
-    if set(EDGE) <= set(tuneable_objectives(summary)):
-        named = references if isinstance(references, Mapping) else {} if references is None else {"demo": references}
-        limits, best = exact_front(rollouts.scene[0], world), None
+    if limits is not None:
+        best = None
         if objectives is not None:
             preferences = rollouts.preference[:, 0].cpu()
-            settings = {"world": world, "references": named, "scalarisation": scalarisation}
+            settings = {"world": world, "references": by_objective(references), "scalarisation": scalarisation}
             best = best_utility(limits, rollouts.scene[0], preferences, objectives, **settings)
         possible = possible_table(limits, summary, front["utility"], best)
         tables |= {"exact_front": limits.table(), "possible": possible}
@@ -109,7 +110,6 @@ def write_report(
         content.to_csv(directory / f"{name}.csv", index=False)
     (directory / "table.md").write_text(table + "\n", encoding="utf-8")
 
-    tuneable = rewards[len(rewards) - rollouts.preference.shape[-1] :]
     if len(tuneable) >= 2:
         from morlnav.evaluation.front_plot import plot_front  # these load matplotlib
         from morlnav.navigation.record.exact_front_plot import plot_exact_front

@@ -205,19 +205,8 @@ def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None
         along = [sign * _rank(frame[on_edge(frame, (name, other))], name, metric) for other in tests["versus"]]
         facts = {"objective": name, "sign": sign, "spearman": sign * _rank(frame, name, metric), "edge_spearman": along}
         rows.append(tests.drop(columns="first").assign(**facts))
-    order = [
-        "objective",
-        "metric",
-        "sign",
-        "spearman",
-        "versus",
-        "edge_spearman",
-        "mean",
-        "mean_versus",
-        "t",
-        "p",
-        "stars",
-    ]
+    order = ["objective", "metric", "sign", "spearman", "versus", "edge_spearman"]
+    order += ["mean", "mean_versus", "t", "p", "stars"]
     return pd.concat(rows, ignore_index=True)[order] if rows else pd.DataFrame(columns=order)
 
 

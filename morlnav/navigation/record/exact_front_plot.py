@@ -38,7 +38,7 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
     figure = Figure(figsize=(5.6, 4.0), layout="constrained", facecolor="w")
     axes = figure.subplots()
     distance = front.distance.numpy()
-    ratio = (front.length / front.length[:, :1]).numpy()
+    ratio = front.ratio.numpy()
     low, high = np.nanquantile(np.where(np.isfinite(ratio), ratio, np.nan), [0.1, 0.9], axis=0)
     axes.fill_between(distance, low, high, color=INK, alpha=0.08, lw=0)
     axes.plot(distance, front.time_ratio, color=INK, lw=1.4, label="exact front (and of 80 % of the scenes)")

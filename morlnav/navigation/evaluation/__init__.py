@@ -1,7 +1,7 @@
 """Roll-outs over all preferences, social metrics, preference fidelity, the report."""
 
 from morlnav.navigation.evaluation.evaluator import NavigationEvaluation, reward_terms
-from morlnav.navigation.evaluation.exact_front import ExactFront, best_utility, exact_front, possible_table
+from morlnav.navigation.evaluation.possible import ExactFront, best_utility, exact_front, possible_table
 from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.navigation.evaluation.paths import shortest_path, shortest_polylines
 from morlnav.navigation.evaluation.references import reference_paths

@@ -15,7 +15,7 @@ from torchrl.envs import EnvBase, TransformedEnv
 from morlnav.data import simplex_grid
 from morlnav.evaluation import Evaluation, eval_env, expected_utility, preference_label
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
-from morlnav.navigation.evaluation.exact_front import EDGE, ExactFront, exact_front, possible_table
+from morlnav.navigation.evaluation.possible import EDGE, ExactFront, exact_front, possible_table
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
 from morlnav.navigation.evaluation.references import reference_paths

@@ -11,7 +11,7 @@ from torch import Tensor
 from morlnav.evaluation.front import describe_front, front_table
 from morlnav.evaluation.pareto import Scalarisation
 from morlnav.navigation.envs import Objective
-from morlnav.navigation.evaluation.exact_front import (
+from morlnav.navigation.evaluation.possible import (
     EDGE,
     best_utility,
     describe_possible,

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from morlnav.record.colours import INK, blend, objective_colours
 
 if TYPE_CHECKING:
-    from morlnav.navigation.evaluation.exact_front import ExactFront
+    from morlnav.navigation.evaluation.possible import ExactFront
 
 
 def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
@@ -21,14 +21,14 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
 
     Args:
         front: of the scenes.
-        table: from :func:`~morlnav.navigation.evaluation.exact_front.possible_table`.
+        table: from :func:`~morlnav.navigation.evaluation.possible.possible_table`.
 
     Returns:
         A figure; save it with ``figure.savefig("exact_front.png", dpi=150)``.
 
     Examples:
         >>> import torch
-        >>> from morlnav.navigation.evaluation.exact_front import ExactFront
+        >>> from morlnav.navigation.evaluation.possible import ExactFront
         >>> front = ExactFront(torch.tensor([0.48, 2.0]), torch.tensor([[10.0, 11.0]]), [])
         >>> table = pd.DataFrame({"lambda_distance": [1.0, 0.0], "lambda_efficiency": [0.0, 1.0],
         ...     "min_human_distance": [1.5, 0.6], "time_ratio": [1.1, 1.02], "on_edge": True})

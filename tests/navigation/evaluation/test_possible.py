@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from morlnav.navigation.envs import default_objectives
 from morlnav.navigation.evaluation import best_utility, evaluate_policy, evaluation_scenes, exact_front, possible_table
-from morlnav.navigation.evaluation.exact_front import FARTHEST, SLOWEST, describe_possible, path_returns
+from morlnav.navigation.evaluation.possible import FARTHEST, SLOWEST, describe_possible, path_returns
 from morlnav.navigation.world import Scene, TensorWorld
 from morlnav.navigation.world.geometry import distance_to_box
 

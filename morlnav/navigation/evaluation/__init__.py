@@ -1,9 +1,9 @@
 """Roll-outs over all preferences, social metrics, preference fidelity, the report."""
 
 from morlnav.navigation.evaluation.evaluator import NavigationEvaluation, reward_terms
-from morlnav.navigation.evaluation.possible import ExactFront, best_utility, exact_front, possible_table
 from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.navigation.evaluation.paths import shortest_path, shortest_polylines
+from morlnav.navigation.evaluation.possible import ExactFront, best_utility, exact_front, possible_table
 from morlnav.navigation.evaluation.references import reference_paths
 from morlnav.navigation.evaluation.report import markdown_table, write_report
 from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluate_policy, evaluation_scenes

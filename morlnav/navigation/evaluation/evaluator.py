@@ -15,9 +15,9 @@ from torchrl.envs import EnvBase, TransformedEnv
 from morlnav.data import simplex_grid
 from morlnav.evaluation import Evaluation, eval_env, expected_utility, preference_label
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
-from morlnav.navigation.evaluation.possible import EDGE, ExactFront, exact_front, possible_table
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
+from morlnav.navigation.evaluation.possible import EDGE, ExactFront, exact_front, possible_table
 from morlnav.navigation.evaluation.references import reference_paths
 from morlnav.navigation.evaluation.report import sentences, write_report
 from morlnav.navigation.evaluation.rollout import Rollouts, evaluate_policy, evaluation_scenes

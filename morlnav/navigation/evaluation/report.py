@@ -11,6 +11,7 @@ from torch import Tensor
 from morlnav.evaluation.front import describe_front, front_table
 from morlnav.evaluation.pareto import Scalarisation
 from morlnav.navigation.envs import Objective
+from morlnav.navigation.evaluation.metrics import by_objective, episode_metrics, frechet_column
 from morlnav.navigation.evaluation.possible import (
     EDGE,
     best_utility,
@@ -18,7 +19,6 @@ from morlnav.navigation.evaluation.possible import (
     exact_front,
     possible_table,
 )
-from morlnav.navigation.evaluation.metrics import by_objective, episode_metrics, frechet_column
 from morlnav.navigation.evaluation.rollout import Rollouts
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise, tuneable_objectives
 from morlnav.navigation.world import World

@@ -47,12 +47,12 @@ from morlnav.objectives import (
     Guidance,
     LinearScalarisation,
     MORLTD3Loss,
+    PathwiseGradient,
     Proposals,
     ReturnBounds,
-    RolloutSearch,
     Search,
 )
-from morlnav.objectives.terms import Acted
+from morlnav.objectives.terms import Acted, pathwise
 from morlnav.transforms import DemonstrationReward, DrawPreference, HindsightPreferenceRelabel
 
 DEVICE = torch.device("cuda:0")
@@ -242,7 +242,7 @@ def test_an_update_never_waits_for_the_device(accelerator, kind, dtype):
         targets.step()
 
 
-def test_a_search_by_roll_outs_stays_on_the_device(accelerator):
+def test_a_pathwise_gradient_keeps_its_buffers_on_the_device(accelerator, monkeypatch):
     actor, critic = make_actor(2), VectorCritic(3, 2, **ROBOT, features=NavigationFeatures())
     with accelerator, answers():
         actor, critic = actor.to(DEVICE), critic.to(DEVICE)
@@ -250,7 +250,9 @@ def test_a_search_by_roll_outs_stays_on_the_device(accelerator):
         def prefer(num_envs):
             return TransformedEnv(make_env(num_envs=num_envs), DrawPreference(UniformPreferences(2)))
 
-        term = RolloutSearch(states=3, copies=2, horizon=2, hold=2, make_env=prefer).to(DEVICE)
+        monkeypatch.setattr(pathwise, "_check", lambda env: None)  # autograd wants a real device
+        monkeypatch.setattr(torch.autograd, "grad", lambda value, push: (torch.rand_like(push),))
+        term = PathwiseGradient(states=3, horizon=2, samples=4, make_env=prefer).to(DEVICE)
         batch = prefer(8).reset()
         acted = Acted(
             batch,
@@ -265,7 +267,7 @@ def test_a_search_by_roll_outs_stays_on_the_device(accelerator):
             value_of=None,
             policy=lambda td: actor(td["observation"], td["preference"]),
         )
-        term._search(acted)
+        term._drive(acted)
         assert term.actor(acted).device == DEVICE
         assert {buffer.device for buffer in term.buffers()} == {DEVICE}
 

@@ -12,8 +12,8 @@ from morlnav.objectives.terms import (
     Guidance,
     Judged,
     LossTerm,
+    PathwiseGradient,
     Proposals,
-    RolloutSearch,
     Search,
 )
 
@@ -27,9 +27,9 @@ __all__ = [
     "LinearScalarisation",
     "LossTerm",
     "MORLTD3Loss",
+    "PathwiseGradient",
     "Proposals",
     "RankingLoss",
     "ReturnBounds",
-    "RolloutSearch",
     "Search",
 ]

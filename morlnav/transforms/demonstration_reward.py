@@ -83,7 +83,6 @@ class DemonstrationReward(Transform):
         ends = self.scale * self.offset, self.scale * (1 + self.offset)
         return min(ends), max(ends)
 
-    @torch.no_grad()
     def reward(self, observation: Tensor, action: Tensor) -> Tensor:
         """``scale·(R̂(s, a) + offset)`` for observations ``[..., D]`` and actions ``[..., A]``, ``[...]``."""
         return self.scale * (self.reward_model(observation, action) + self.offset)
@@ -102,7 +101,6 @@ class DemonstrationReward(Transform):
         """Reward a batch of transitions ``[*B]``, as a replay buffer does on ``sample``."""
         return tensordict.set(self.reward_key, self._extend(tensordict, tensordict.get(self.reward_key)))
 
-    @torch.no_grad()
     def _extend(self, tensordict: TensorDictBase, reward: Tensor) -> Tensor:
         """The reward vectors ``[..., m]`` with the demonstration's entry, ``[..., m + insert]``."""
         self._check(reward.shape[-1])

@@ -20,10 +20,7 @@ BRIEF = (
     "hooks.fit_interpolator.interval=16",
     "transforms.time_limit.max_steps=20",
 )
-ROLLOUTS = (
-    "+loss.terms.rollouts={_target_: morlnav.objectives.RolloutSearch, "
-    "states: 6, copies: 3, horizon: 3, hold: 2, interval: 2}"
-)
+PATHWISE = "+loss.terms.pathwise={_target_: morlnav.objectives.PathwiseGradient, states: 6, horizon: 3, interval: 2}"
 CLAMPED = "loss.terms.angle={_target_: morlnav.objectives.ClampedAngleTerm, actor: 10.0, critic: 1.0, degrees: true}"
 
 
@@ -87,9 +84,9 @@ def test_a_compiled_loss_learns_the_same(tmp_path):
             ["replay.storage.max_size=64", "replay.transforms.relabel={share: 0.75, num_relabels: 2}"],
         ),
         (7, ["replay=prioritised", "replay.transforms.relabel.num_relabels=2"]),
-        (11, [ROLLOUTS]),  # a search serves two updates, of which the second one is pending
+        (11, [PATHWISE]),  # a drive serves two updates, of which the second one is pending
     ],
-    ids=["random", "episodes", "pymunk", "full", "overwriting", "prioritised", "rollouts"],
+    ids=["random", "episodes", "pymunk", "full", "overwriting", "prioritised", "pathwise"],
 )
 def test_a_resumed_training_equals_an_unbroken_one_bit_for_bit(batches, overrides, tmp_path):
     cfg = configure(

@@ -228,7 +228,6 @@ class NavigationEnv(EnvBase):
         fresh = self.scenes(max(int(place[-1]), 1), device="cpu", generator=self._generator)
         return fresh[(place - 1).clamp_min(0)]
 
-    @torch.no_grad()  # as for any simulator: rewards are no function of a policy's parameters
     def _step(self, tensordict: TensorDictBase) -> TensorDict:
         action = tensordict["action"].reshape(self._count, 2)
         transition, reward = advance(self.world, action, self._observation, self.rewards)

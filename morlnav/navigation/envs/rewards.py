@@ -27,6 +27,7 @@ class Transition:
         next_observation: after the step ``[B, 34]``.
         contact: what was met during the step.
         scene: the scenes driven in.
+        clearance: from the robot's edge to the human or the nearest box after the step in metres ``[B]``.
 
     Examples:
         >>> from morlnav.navigation.envs.navigation import NavigationEnv
@@ -42,6 +43,7 @@ class Transition:
     next_observation: Tensor
     contact: Contact
     scene: Scene
+    clearance: Tensor | None = None
 
     @property
     def goal_distance(self) -> Tensor:
@@ -127,11 +129,16 @@ class GoalProgress:
 class Collision:
     """``penalty`` on contact with the human or a box (Sec. III-D.1).
 
+    A jump has no derivative. Who differentiates through the world is kept off by that of a potential which is none of
+    the reward: it rises over the last ``margin`` metres to ``pressure`` of the penalty.
+
     Args:
         penalty: reward of the step that ends in contact.
+        margin: in metres.
+        pressure: share of the penalty.
 
     Raises:
-        ValueError: unless the penalty is a finite number.
+        ValueError: unless all are finite numbers and ``margin > 0``.
 
     Examples:
         >>> Collision().penalty
@@ -139,13 +146,22 @@ class Collision:
     """
 
     penalty: float = -1000.0
+    margin: float = 0.1
+    pressure: float = 0.03
 
     def __post_init__(self) -> None:
         check_finite(self)
+        if self.margin <= 0:
+            raise ValueError(f"Collision needs a positive margin, got {self.margin}.")
 
     def __call__(self, transition: Transition) -> Tensor:
         """Reward ``[B]``."""
-        return self.penalty * (transition.contact.human | transition.contact.box).to(transition.pose.dtype)
+        contact, clearance = transition.contact, transition.clearance
+        reward = self.penalty * (contact.human | contact.box).to(transition.pose.dtype)
+        if clearance is None or not clearance.requires_grad:
+            return reward
+        potential = self.pressure * self.penalty * (1 - clearance / self.margin).clamp_min(0).square()
+        return reward + (potential - potential.detach())
 
     def bounds(self, reach: float) -> tuple[float, float]:
         """Least and largest reward of a step."""

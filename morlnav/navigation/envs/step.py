@@ -39,5 +39,6 @@ def advance(
         next_observation=world.observe(),
         contact=contact,
         scene=world.scene,
+        clearance=world.clearance(),
     )
     return transition, reward_vector(objectives, transition)

@@ -9,7 +9,7 @@ import torch
 from tensordict import tensorclass
 from torch import Tensor
 
-from morlnav.navigation.world.geometry import polar
+from morlnav.navigation.world.geometry import distance_to_box, polar
 from morlnav.navigation.world.kinematics import DifferentialDrive, Robot
 from morlnav.navigation.world.lidar import Lidar
 from morlnav.navigation.world.scene import Scene
@@ -111,6 +111,13 @@ class World(ABC):
         """The raw observation: goal and human in polar coordinates, then the pooled scan, ``[B, 4 + sectors]``."""
         goal, human = polar(self.scene.goal, self.pose), polar(self.scene.human, self.pose)
         return torch.cat([goal, human, self.scan()], -1)
+
+    def clearance(self) -> Tensor:
+        """How far a robot's edge is from the human or the nearest box in metres ``[B]``; negative inside."""
+        point = self.pose[:, :2]
+        human = torch.linalg.vector_norm(point - self.scene.human, dim=-1, keepdim=True) - self.human_radius
+        boxes = distance_to_box(point.unsqueeze(1), self.scene.boxes)
+        return torch.cat([human, boxes], 1).amin(1) - self.robot.radius
 
     def path(self, action: Tensor) -> Tensor:
         """The check points of the arc that ``action`` ``[B, 2]`` drives in one control step, ``[B, substeps, 3]``."""

@@ -117,17 +117,17 @@ def _distances(
     along = x * cos[:, 0] + y * sin[:, 0]
     across = x * sin[:, 0] - y * cos[:, 0]
     gap = human_radius**2 - across.square()
-    root = gap.clamp_min(0).sqrt()
-    human = (along - root).masked_fill_((gap < 0) | (along + root < 0), torch.inf)
+    root = gap.clamp_min(1e-12).sqrt()  # 0 would have no derivative
+    human = (along - root).masked_fill((gap < 0) | (along + root < 0), torch.inf)
     # The boxes, each in its own frame, where a ray is tested against two slabs.
     cos, sin, turn = cos[:, 1:], sin[:, 1:], turn.unsqueeze(-1)
     turn_cos, turn_sin = turn.cos(), turn.sin()
     # The offset keeps a ray that runs exactly along a side from turning into ∞ - ∞.
-    inv_x = (turn_cos * cos - turn_sin * sin).add_(1e-20).reciprocal_()
-    inv_y = (turn_sin * cos + turn_cos * sin).add_(1e-20).reciprocal_()
+    inv_x = (turn_cos * cos - turn_sin * sin).add(1e-20).reciprocal()
+    inv_y = (turn_sin * cos + turn_cos * sin).add(1e-20).reciprocal()
     mid_x, mid_y = -origin[..., :1] * inv_x, -origin[..., 1:] * inv_y
-    span_x, span_y = half[..., :1] * inv_x.abs_(), half[..., 1:] * inv_y.abs_()
+    span_x, span_y = half[..., :1] * inv_x.abs(), half[..., 1:] * inv_y.abs()
     enter = torch.maximum(mid_x - span_x, mid_y - span_y)
     leave = torch.minimum(mid_x + span_x, mid_y + span_y)
-    box = enter.masked_fill_((enter > leave) | (leave < 0), torch.inf)
+    box = enter.masked_fill((enter > leave) | (leave < 0), torch.inf)
     return torch.cat([human.unsqueeze(1), box], 1)

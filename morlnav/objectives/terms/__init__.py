@@ -2,8 +2,8 @@
 
 from morlnav.objectives.terms.angle import AngleTerm, ClampedAngleTerm
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
+from morlnav.objectives.terms.pathwise import PathwiseGradient
 from morlnav.objectives.terms.proposals import Guidance, Proposals, Search
-from morlnav.objectives.terms.rollouts import RolloutSearch
 
 __all__ = [
     "Acted",
@@ -12,7 +12,7 @@ __all__ = [
     "Guidance",
     "Judged",
     "LossTerm",
+    "PathwiseGradient",
     "Proposals",
-    "RolloutSearch",
     "Search",
 ]

@@ -34,6 +34,7 @@ class NavigationEnv(EnvBase):
     ============================  =========  ==========================================================
 
     ``pose`` and ``scene`` are the whole state: ``env.reset(tensordict, set_state=True)`` goes on from there.
+    Observations and rewards have a gradient in the actions, through as many steps as one likes.
 
     Args:
         world: the engine that moves robots, of which the environment takes a copy;
@@ -60,6 +61,10 @@ class NavigationEnv(EnvBase):
         ('distance', 'efficiency')
         >>> again = env.reset(rollout[:, 1].select("pose", "scene"), set_state=True)
         >>> torch.equal(again["observation"], rollout["observation"][:, 1])
+        True
+        >>> action = torch.zeros(4, 2, requires_grad=True)
+        >>> env.step(env.reset().set("action", action))["next", "reward"][:, 0].sum().backward()  # progress is made
+        >>> (action.grad[:, 0] > 0).any().item()  # by driving on
         True
     """
 

@@ -62,7 +62,7 @@ class NavigationEnv(EnvBase):
         >>> again = env.reset(rollout[:, 1].select("pose", "scene"), set_state=True)
         >>> torch.equal(again["observation"], rollout["observation"][:, 1])
         True
-        >>> action = torch.zeros(4, 2, requires_grad=True)
+        >>> action = torch.full((4, 2), 0.1, requires_grad=True)
         >>> env.step(env.reset().set("action", action))["next", "reward"][:, 0].sum().backward()  # progress is made
         >>> (action.grad[:, 0] > 0).any().item()  # by driving on
         True

@@ -43,6 +43,9 @@ from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.workers import watched
 
+STOP = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+"""What asks a training to leave a checkpoint and end: Ctrl-C, a scheduler, a terminal that closes."""
+
 SENTENCES = "MORLNAV_SENTENCES"
 """Set in the environment of this process and its workers where errors are to be one sentence, without a traceback."""
 
@@ -113,7 +116,8 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         interrupted = True
         trainer.request_stop("interrupted")
 
-    handlers = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    asked = [number for number in STOP if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores hang-ups
+    handlers = {number: signal.signal(number, stop) for number in asked}
     start = time.perf_counter()
     try:
         if trainer.collected_frames < trainer.total_frames:

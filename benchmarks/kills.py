@@ -15,7 +15,7 @@ import shutil
 import signal
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import torch
@@ -115,7 +115,7 @@ def stage(directory: Path, cache: Path) -> str:
     return next((name for made, name in after.items() if made in kept), begun)
 
 
-def kill_trials(folder: Path, trials: int, seed: int = 0) -> list[dict[str, object]]:
+def kill_trials(folder: Path, trials: int, seed: int = 0) -> Iterator[dict[str, object]]:
     """Train once undisturbed, then kill and finish a training per trial, at moments spread evenly over its time.
 
     Args:
@@ -123,28 +123,28 @@ def kill_trials(folder: Path, trials: int, seed: int = 0) -> list[dict[str, obje
         trials: how many are killed.
         seed: of the moments.
 
-    Returns:
+    Yields:
         A row per trial: ``second`` of the kill, ``stage`` that it hit, ``wrong`` (empty if all is well).
     """
     start, whole = time.perf_counter(), folder / "whole"
     number = in_a_process(lambda: train(whole, folder / "cache"))
     if os.waitpid(number, 0)[1]:
         raise ChildProcessError(whole.with_suffix(".log").read_text())
-    length, rng, rows = time.perf_counter() - start, random.Random(seed), []
+    length, rng = time.perf_counter() - start, random.Random(seed)
     for trial in range(trials):
         directory, cache = folder / f"run{trial}", folder / f"cache{trial}"
         number = in_a_process(lambda directory=directory, cache=cache: train(directory, cache))
-        time.sleep(length * (trial + rng.random()) / trials)
+        second = length * (trial + rng.random()) / trials
+        time.sleep(second)
         os.kill(number, signal.SIGKILL)
         killed = os.WIFSIGNALED(os.waitpid(number, 0)[1])
-        row = {"second": round(length * trial / trials, 2), "stage": stage(directory, cache) if killed else "end"}
+        row = {"second": round(second, 2), "stage": stage(directory, cache) if killed else "end"}
         wrong = finish(directory, cache)
         row["wrong"] = wrong or ", ".join(differences(directory, whole))
-        rows.append(row)
+        yield row
         if not row["wrong"]:
-            shutil.rmtree(directory)
-            shutil.rmtree(cache)
-    return rows
+            shutil.rmtree(directory, ignore_errors=True)
+            shutil.rmtree(cache, ignore_errors=True)
 
 
 def main() -> None:
@@ -156,9 +156,10 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(1)
     folder = Path(tempfile.mkdtemp(prefix="kills"))
-    rows = kill_trials(folder, args.trials, args.seed)
-    for row in rows:
-        print(f"{row['second']:6.1f} s  {row['stage']:30s} {row['wrong'] or 'the same, bit for bit'}")
+    rows = []
+    for row in kill_trials(folder, args.trials, args.seed):
+        rows.append(row)
+        print(f"{row['second']:6.1f} s  {row['stage']:30s} {row['wrong'] or 'the same, bit for bit'}", flush=True)
     if args.output is not None:
         args.output.write_text(json.dumps(rows, indent=2))
     wrong = [row for row in rows if row["wrong"]]

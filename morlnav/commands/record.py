@@ -59,6 +59,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")
     parser.add_argument("--size", type=int, nargs=2, default=(1000, 700), help="of the window in pixels")
     args = parser.parse_intermixed_args()
+    if args.seed < 0:
+        parser.error("--seed must not be negative")
     with one_sentence_errors(own_classes=True):
         node = plain(composed(args.overrides).env)
         check(node, "env", ("seed",), NavigationEnv)

@@ -34,6 +34,7 @@ from morlnav.cli import (
     set_threads,
 )
 from morlnav.config import check, plain, setting
+from morlnav.files import write_text
 from morlnav.record.progress import stage
 from morlnav.runs import Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
@@ -167,11 +168,15 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     """Write what the run begins with; what it goes on with is added where it differs."""
     versions, later = _versions(), []
     if resumed and path.is_file():
-        now, versions = versions, json.loads(path.read_text())
-        later = versions.pop("resumed", [])
-        if now != (later or [versions])[-1]:
-            later.append(now)
-    path.write_text(json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
+        try:
+            began = dict(json.loads(path.read_text()))
+        except (ValueError, TypeError):
+            print(f"{path} is damaged, and begins anew; nothing depends on it.")
+        else:
+            now, versions, later = versions, began, began.pop("resumed", [])
+            if now != (later or [versions])[-1]:
+                later.append(now)
+    write_text(path, json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
 
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")

@@ -46,9 +46,10 @@ RESULTS = ("policy.pt", "policy.json", "reward.pt", "reward.json", "clone.pt", "
 
 
 def results(directory: Path) -> list[str]:
-    """What two runs of one config have in common: networks, config, and every table of audit and evaluation."""
-    tables = [path for folder in ("audit", "evaluation") for path in (directory / folder).glob("*.[cjm][sd]*")]
-    return sorted([*RESULTS, *(path.relative_to(directory).as_posix() for path in tables)])
+    """What two runs of one config have in common: networks, and every table of audit and evaluation."""
+    files = [path for folder in ("audit", "evaluation") for path in (directory / folder).glob("*")]
+    tables = [path.relative_to(directory).as_posix() for path in files if path.suffix in (".csv", ".json", ".md")]
+    return sorted([*RESULTS, *tables])
 
 
 def differences(ours: Path, theirs: Path) -> list[str]:

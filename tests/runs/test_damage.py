@@ -6,11 +6,10 @@ import pytest
 import torch
 
 import morlnav
-from morlnav.modules import read_facts, write_facts
+from morlnav.modules import load_module, read_facts, write_facts
 from morlnav.navigation.demonstrations import load_demonstrations, record_demonstrations, save_demonstrations
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import SceneSampler
-from morlnav.runs import Run
 
 DAMAGES = {
     "cut": lambda file: file.write_bytes(file.read_bytes()[: file.stat().st_size // 2]),
@@ -30,7 +29,7 @@ def flipped(content):
 def test_a_network_is_not_taken_for_another(kept_run, name, damage):
     path = (kept_run / name).with_suffix(".pt")
     write_facts(path, read_facts(path))  # the kept run is older than the hash of a description
-    use = {"policy": lambda: morlnav.load(kept_run), "reward": lambda: Run(kept_run).learned}[path.stem]
+    use = {"policy": lambda: morlnav.load(kept_run), "reward": lambda: load_module(path)}[path.stem]
     use()
     DAMAGES[damage](kept_run / name)
     with pytest.raises((ValueError, FileNotFoundError), match=name.replace(".", r"\.")) as error:

@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import torch
 from hydra import compose, initialize_config_dir
@@ -60,8 +61,13 @@ def quiet() -> None:
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", category=FutureWarning, module="torchrl")
     warnings.filterwarnings("ignore", message=".*init_random_frames.*")
-    told = sys.unraisablehook  # what is closed at exit would repeat at length that the disk is full
-    sys.unraisablehook = lambda unraisable: None if is_full(unraisable.exc_value) else told(unraisable)
+    sys.unraisablehook = _unless_full
+
+
+def _unless_full(unraisable: Any) -> None:
+    """What is closed at exit would repeat at length that the disk is full."""
+    if not is_full(unraisable.exc_value):
+        sys.__unraisablehook__(unraisable)
 
 
 def keep_freed_memory() -> None:

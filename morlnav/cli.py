@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import io
 import logging
@@ -13,6 +14,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import torch
 from hydra import compose, initialize_config_dir
@@ -23,6 +25,7 @@ from omegaconf.errors import OmegaConfBaseException
 from torchrl.checkpoint import CheckpointError
 
 from morlnav.config import first_line, nearest
+from morlnav.files import is_full
 
 MOST_THREADS = 1024
 """With a million, OpenMP ends the process without a word."""
@@ -58,6 +61,13 @@ def quiet() -> None:
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", category=FutureWarning, module="torchrl")
     warnings.filterwarnings("ignore", message=".*init_random_frames.*")
+    sys.unraisablehook = _unless_full
+
+
+def _unless_full(unraisable: Any) -> None:
+    """What is closed at exit would repeat at length that the disk is full."""
+    if not is_full(unraisable.exc_value):
+        sys.__unraisablehook__(unraisable)
 
 
 def keep_freed_memory() -> None:
@@ -70,6 +80,24 @@ def keep_freed_memory() -> None:
         trim_threshold, mmap_threshold = -1, -3  # names of <malloc.h>
         libc.mallopt(trim_threshold, 2**29)
         libc.mallopt(mmap_threshold, 2**25)
+
+
+def folder(word: str) -> Path:
+    """A folder that a command line names for results; what could not be written there is refused before it is made.
+
+    >>> folder("outputs/clone").name
+    'clone'
+    >>> folder(__file__)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    argparse.ArgumentTypeError: .../cli.py is a file, and no folder for results.
+    """
+    path = Path(word)
+    there = next((place for place in (path, *path.absolute().parents) if place.exists()), path)
+    if not there.is_dir():
+        raise argparse.ArgumentTypeError(f"{there} is a file, and no folder for results.")
+    if not os.access(there, os.W_OK):
+        raise argparse.ArgumentTypeError(f"{there} may not be written to; name another folder for results.")
+    return path
 
 
 def set_threads(number: int) -> None:
@@ -125,8 +153,9 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
         OmegaConfBaseException,
         HydraException,
     ) as error:
-        no_choice = str(error).startswith("Config group override must be")
-        sys.exit(_no_choice(sys.argv[1:]) if no_choice else first_line(error))
+        if str(error).startswith("Config group override must be"):
+            sys.exit(_no_choice(sys.argv[1:]))
+        sys.exit(_of_the_system(error) if isinstance(error, OSError) and error.strerror else first_line(error))
 
 
 def _nobody_reads() -> bool:
@@ -136,6 +165,17 @@ def _nobody_reads() -> bool:
     poll = select.poll()
     poll.register(sys.stdout.fileno(), 0)
     return bool(poll.poll(0))
+
+
+def _of_the_system(error: OSError) -> str:
+    """What to say of a file that could not be read or written.
+
+    >>> _of_the_system(PermissionError(13, "Permission denied", "run/config.yaml"))
+    'run/config.yaml: permission denied.'
+    """
+    advice = "; make room, and start the command again" if is_full(error) else ""
+    where, why = error.filename or "A file", error.strerror[:1].lower() + error.strerror[1:]
+    return f"{where}: {why}{advice}."
 
 
 def _choices(group: str) -> list[str]:

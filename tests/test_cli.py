@@ -3,8 +3,14 @@
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+import torch
+from tensordict import TensorDict
+
+from morlnav.cli import one_sentence_errors
+from morlnav.files import write_tensors
 
 COMMAND = """
 from morlnav.cli import one_sentence_errors, quiet
@@ -37,6 +43,25 @@ def test_a_reader_that_leaves_ends_a_command_without_a_word(last):
     process.stdout.close()
     assert process.stderr.read() == b""
     process.wait()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a file that is on a full disk")
+def test_a_full_disk_is_named_and_what_to_do():
+    sentence = "no space left on device; make room, and start the command again"
+    with pytest.raises(SystemExit, match=sentence), one_sentence_errors():
+        Path("/dev/full").write_text("more")
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(SystemExit, match=rf"^{tmp_path}: is a directory\.$"), one_sentence_errors():
+        tmp_path.read_text()
+
+
+def test_what_a_disk_cannot_hold_is_not_begun(tmp_path):
+    much = torch.zeros(1).expand(10**15)
+    with pytest.raises(OSError, match=r"MB free, but 40000000\d+\.\d MB are needed; make room and begin again"):
+        write_tensors(TensorDict(reward=much, batch_size=[10**15]), tmp_path / "data")
+    assert not list(tmp_path.iterdir())
 
 
 def test_another_broken_pipe_is_not_kept_silent():

@@ -7,8 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from morlnav.cli import one_sentence_errors, quiet, set_threads
-from morlnav.modules import load_module, read_facts, write_facts
+from morlnav.annotations import with_article
+from morlnav.cli import folder, one_sentence_errors, quiet, set_threads
+from morlnav.modules import RewardModel, load_module, read_facts, write_facts
 from morlnav.navigation.audit import RewardAudit
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import SceneSampler, TensorWorld
@@ -65,10 +66,14 @@ def audit(
         file, judge, demonstrator = place(path, name) / "reward.pt", pipeline.audit, run.learned[name].demonstrator
         paid = {"scale": pipeline.scale, "offset": pipeline.offset, "snippet": pipeline.ranking.snippet or 25} | paid
     else:
+        if objective is not None:
+            raise ValueError(f"--objective belongs to a run, and {path} is none.")
         file, demonstrator = find_reward(path), CircumnavigationOracle()
         judge = RewardAudit(world=TensorWorld(), scenes=SceneSampler(), **given)
-    report = output or file.parent / "audit"
-    judge.judge(load_module(file), demonstrator, report, **paid)
+    report, reward = output or file.parent / "audit", load_module(file)
+    if not any(isinstance(part, RewardModel) for part in reward.modules()):
+        raise ValueError(f"{file} holds {with_article(type(reward).__name__)}, and no reward that could be audited.")
+    judge.judge(reward, demonstrator, report, **paid)
     verdict = judge.read(report)
     if output is None:  # what is written elsewhere leaves the run as it is
         write_facts(file, {**read_facts(file), "audit": verdict})
@@ -108,7 +113,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, help="seed of noise and bootstrap")
     parser.add_argument(
         "--output",
-        type=Path,
+        type=folder,
         help="where results go (default: audit beside the model, which then holds the verdict, too)",
     )
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")

@@ -13,12 +13,12 @@ import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from morlnav.cli import composed, one_sentence_errors, quiet, set_threads
-from morlnav.config import setting
+from morlnav.cli import composed, folder, one_sentence_errors, quiet, set_threads
+from morlnav.config import check, setting
 from morlnav.evaluation import eval_env
 from morlnav.navigation.audit import Behaviour
 from morlnav.navigation.audit.noise import noisy_rollouts
-from morlnav.navigation.envs import GoalProgress
+from morlnav.navigation.envs import GoalProgress, NavigationEnv
 from morlnav.navigation.evaluation import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import _interval
 from morlnav.navigation.record.plots import _tidy
@@ -44,8 +44,12 @@ class Studies:
     """
 
     def __init__(self, training: Training, episodes: int = 20) -> None:
+        if episodes < 1:
+            raise ValueError(f"episodes must be at least 1, got {episodes}.")
         self.training, self.env = training, eval_env(training.make_env({}, num_envs=1))
         self.max_steps, self.seed = live_objects(self.env)["max_steps"], training.seed
+        if not isinstance(self.env.base_env, NavigationEnv):
+            raise ValueError("morlnav-clone drives robots; choose env=navigation.")
         self.world = self.env.base_env.world
         sources = training.pipeline().demonstrations.values() if training.rewards is not None else []
         self.demonstrator = next((source.policy for source in sources), None)
@@ -64,6 +68,8 @@ class Studies:
             A row per level: ``epsilon``, ``baseline`` (1 pays as much as the whole way to the goal) with its bootstrap
             interval ``baseline_low`` and ``baseline_high``, and the demonstrator's own return ``demonstrator``.
         """
+        if hold < 1:
+            raise ValueError(f"hold must be at least 1, got {hold}.")
         clone = self._clone()
         driven = noisy_rollouts(
             clone, self.scenes, levels, hold, world=self.world, max_steps=self.max_steps, seed=self.seed
@@ -152,14 +158,19 @@ def main() -> None:
     parser.add_argument("study", choices=["noise", "number"], help="Fig. 2a: over ε; Fig. 2b: over demonstrations")
     parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="as of morlnav-train")
     parser.add_argument("--episodes", type=int, default=20, help="held-out scenes (default: 20)")
-    parser.add_argument("--hold", type=int, default=1, help="noise: steps that a random action lasts (default: 1)")
-    parser.add_argument("--output", type=Path, default=Path("outputs/clone"), help="default: outputs/clone")
+    parser.add_argument("--hold", type=int, help="noise: steps that a random action lasts (default: 1)")
+    parser.add_argument("--output", type=folder, default=Path("outputs/clone"), help="default: outputs/clone")
     args = parser.parse_intermixed_args()
+    if args.hold is not None and args.study != "noise":
+        parser.error("--hold belongs to noise")
     with one_sentence_errors():
         cfg = composed(args.overrides)
+        if cfg.resume is not None or cfg.trust:
+            raise ValueError("resume and trust belong to morlnav-train; morlnav-clone begins anew.")
+        check(cfg.threads, "threads", kind=int)
         set_threads(cfg.threads)
         studies = Studies(make_training(cfg), args.episodes)
-        table = studies.noise(hold=args.hold) if args.study == "noise" else studies.number()
+        table = studies.noise(hold=1 if args.hold is None else args.hold) if args.study == "noise" else studies.number()
         args.output.mkdir(parents=True, exist_ok=True)
         table.to_csv(args.output / f"{args.study}.csv", index=False)
         plot_study(table).savefig(args.output / f"{args.study}.png", dpi=150)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from morlnav.cli import one_sentence_errors, quiet, set_threads
+from morlnav.cli import folder, one_sentence_errors, quiet, set_threads
 from morlnav.data import preference_edges
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
@@ -124,7 +124,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="steps of every pairwise interpolation of preferences")
     parser.add_argument("--seed", type=int, help="seed of the episodes")
     parser.add_argument("--reference", type=float, nargs="+", help="reference point of the hypervolume, by reward")
-    parser.add_argument("--output", type=Path, help="where results go (default: RUN_DIR/evaluation)")
+    parser.add_argument("--output", type=folder, help="where results go (default: RUN_DIR/evaluation)")
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     parser.add_argument("--contexts", type=Path, metavar="FILE", help="YAML file of preferences by room")
@@ -136,15 +136,21 @@ def main() -> None:
         help="with --contexts: the rooms on the way, as 0:hall",
     )
     parser.add_argument("--animate", type=Path, metavar="FILE.gif", help="instead: the knob in motion in one scene")
-    parser.add_argument("--scene", type=int, default=0, help="with --animate: which of the evaluation scenes")
+    parser.add_argument("--scene", type=int, help="with --animate: which of the evaluation scenes (default: 0)")
     args = parser.parse_args()
     if (args.contexts is None) != (args.route is None):
         parser.error("--contexts and --route go together")
+    if args.scene is not None and args.animate is None:
+        parser.error("--scene belongs to --animate")
+    if args.animate is not None and args.contexts is not None:
+        parser.error("--animate shows fixed preferences; leave out --contexts and --route")
+    if len(dict(args.route or ())) < len(args.route or ()):
+        parser.error("--route enters two rooms at once; give each second one room")
     with one_sentence_errors(own_classes=True):
         set_threads(args.threads)
         run = Run(args.run, args.trust, {name: getattr(args, name) for name in CHANGES})
         if args.animate is not None:
-            animate_run(run, args.animate, args.scene)
+            animate_run(run, args.animate, args.scene or 0)
             print(f"The animation is in {args.animate}")
         elif args.contexts is not None:
             rooms = evaluate_route(run, args.contexts, dict(args.route), args.output)

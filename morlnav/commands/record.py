@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tensordict import TensorDict
 
-from morlnav.cli import composed, one_sentence_errors, quiet
+from morlnav.cli import composed, folder, one_sentence_errors, quiet
 from morlnav.config import build, check, plain
 from morlnav.navigation.demonstrations import import_demonstrations, load_demonstrations
 from morlnav.navigation.demonstrations.drive import Recorder, add_demonstrations
@@ -53,17 +53,18 @@ def main() -> None:
     """Entry point."""
     quiet()
     parser = argparse.ArgumentParser(prog="morlnav-record", description=__doc__.split(": ", 1)[1])
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="of demonstrations; new ones are added")
+    parser.add_argument("folder", type=folder, metavar="FOLDER", help="of demonstrations; new ones are added")
     parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="as of morlnav-train, of env")
     parser.add_argument("--import", dest="file", type=Path, metavar="FILE", help="a .csv or .npz file of trajectories")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")
     parser.add_argument("--size", type=int, nargs=2, default=(1000, 700), help="of the window in pixels")
     args = parser.parse_intermixed_args()
+    if args.seed < 0:
+        parser.error("--seed must not be negative")
     with one_sentence_errors(own_classes=True):
         node = plain(composed(args.overrides).env)
         check(node, "env", ("seed",), NavigationEnv)
         env = build(node | {"num_envs": 1}, "env", seed=args.seed).eval()
-        args.folder.parent.mkdir(parents=True, exist_ok=True)
         if args.file is not None:
             total = add_demonstrations(import_demonstrations(args.file, world=env.world), args.folder, args.file.name)
         else:

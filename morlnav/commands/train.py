@@ -34,6 +34,7 @@ from morlnav.cli import (
     set_threads,
 )
 from morlnav.config import check, plain, setting
+from morlnav.files import write_text
 from morlnav.record.progress import stage
 from morlnav.runs import Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
@@ -42,6 +43,9 @@ from morlnav.runs.settings import Settings, refuse_without_clones
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.workers import watched
+
+STOP = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+"""What asks a training to leave a checkpoint and end: Ctrl-C, a scheduler, a terminal that closes."""
 
 SENTENCES = "MORLNAV_SENTENCES"
 """Set in the environment of this process and its workers where errors are to be one sentence, without a traceback."""
@@ -113,7 +117,8 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         interrupted = True
         trainer.request_stop("interrupted")
 
-    handlers = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    asked = [number for number in STOP if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores hang-ups
+    handlers = {number: signal.signal(number, stop) for number in asked}
     start = time.perf_counter()
     try:
         if trainer.collected_frames < trainer.total_frames:
@@ -163,11 +168,15 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     """Write what the run begins with; what it goes on with is added where it differs."""
     versions, later = _versions(), []
     if resumed and path.is_file():
-        now, versions = versions, json.loads(path.read_text())
-        later = versions.pop("resumed", [])
-        if now != (later or [versions])[-1]:
-            later.append(now)
-    path.write_text(json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
+        try:
+            began = dict(json.loads(path.read_text()))
+        except (ValueError, TypeError):
+            print(f"{path} is damaged, and begins anew; nothing depends on it.")
+        else:
+            now, versions, later = versions, began, began.pop("resumed", [])
+            if now != (later or [versions])[-1]:
+                later.append(now)
+    write_text(path, json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
 
 
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")

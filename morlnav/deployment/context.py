@@ -143,11 +143,11 @@ class ContextPolicy(nn.Module):
         Raises:
             ValueError: if the route does not begin at 0, or names an unknown room.
         """
-        if not route or min(route) != 0:
-            raise ValueError(f"A route begins at 0 seconds, got {dict(route)}.")
+        if not route or min(route) != 0 or not all(map(math.isfinite, route)):
+            raise ValueError(f"A route begins at 0 seconds and goes on at finite ones, got {dict(route)}.")
+        targets = {time: self.preferences[self._find(room)] for time, room in route.items()}
         rows: list[Tensor] = []
         for step in range(steps):
-            room = max(time for time in route if time <= step * self.step_time + 1e-6)
-            target = self.preferences[self._find(route[room])]
+            target = targets[max(time for time in route if time <= step * self.step_time + 1e-6)]
             rows.append(target if not rows else rows[-1].lerp(target, self.rate))
         return torch.stack(rows)

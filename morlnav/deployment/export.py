@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 from torch.export import Dim, ExportedProgram
 
-from morlnav.cli import one_sentence_errors, quiet
+from morlnav.cli import folder, one_sentence_errors, quiet
 from morlnav.deployment.policy import Policy, load
 from morlnav.modules.checks import check_weights
 
@@ -89,7 +89,7 @@ def main() -> None:
     quiet()
     parser = argparse.ArgumentParser(prog="morlnav-export", description=__doc__.split(": ", 1)[1])
     parser.add_argument("run", type=Path, metavar="RUN_DIR", help="a run directory of morlnav-train")
-    parser.add_argument("--output", type=Path, help="where the files go (default: RUN_DIR/export)")
+    parser.add_argument("--output", type=folder, help="where the files go (default: RUN_DIR/export)")
     parser.add_argument("--format", choices=FORMATS, action="append", help="only this one; may be repeated")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     args = parser.parse_args()

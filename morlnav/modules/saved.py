@@ -12,16 +12,20 @@ from typing import Any
 import torch
 from torch import nn
 
+from morlnav.files import BLOCK, require_room, sha256, write_text
 from morlnav.modules.checks import check_weights
 
 OURS = ("morlnav.modules.", "morlnav.navigation.modules.")
 """Where the classes of a saved module may come from; building them does nothing else."""
 
+OF_THE_REST = "sha256_of_the_rest"
+"""What a description calls the hash of all else that it says."""
+
 
 def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | None = None) -> None:
     """Write a module as two files: its weights into ``path``, and what it is into the same name with ``.json``.
 
-    The description holds the SHA-256 of the weights, so that a changed file is noticed when it is loaded.
+    The description holds the SHA-256 of the weights and of itself, so that a changed file is noticed when it is loaded.
 
     Args:
         model: made of classes with a method ``config()``, which gives their constructor's arguments; arguments may be
@@ -30,6 +34,7 @@ def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
         facts: anything worth knowing that JSON can hold, such as the result of an audit.
 
     Raises:
+        OSError: if the disk has too little room.
         ValueError: for a module that cannot be described, or weights that are not finite.
 
     Examples:
@@ -44,9 +49,10 @@ def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
     path, description = Path(path), {"model": _describe(model), "facts": dict(facts or {})}
     json.dumps(description)  # which may fail, so before anything is written
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f"{path.name}.part")
-    torch.save(model.state_dict(), unfinished)
-    _write(path, description | {"sha256": _digest(unfinished)})
+    weights, unfinished = model.state_dict(), path.with_name(f"{path.name}.part")
+    require_room(path.parent, sum(getattr(value, "nbytes", 0) + BLOCK for value in weights.values()) + 16 * BLOCK)
+    torch.save(weights, unfinished)
+    _write(path, description | {"sha256": sha256(unfinished)})
     unfinished.replace(path)  # last, and at once: where the weights are, they are whole, and so is the rest
 
 
@@ -88,7 +94,7 @@ def load_module(
         ValueError: if a file is damaged, names a foreign class, or the two do not belong together.
     """
     description = _read(path)
-    if description["sha256"] not in (None, _digest(Path(path))):
+    if description["sha256"] not in (None, sha256(Path(path))):
         raise ValueError(f"{path} is damaged: it does not hold the weights that were saved.")
     with torch.random.fork_rng(devices=[]):  # what is drawn afterwards does not depend on what was loaded
         model = _build(description["model"], Path(path).with_suffix(".json"), trust)
@@ -122,14 +128,13 @@ def load_weights(model: nn.Module, path: str | Path, device: torch.device | str 
     return model.to(device).eval()
 
 
-def _digest(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
-
-
 def _write(path: Path, content: Mapping[str, Any]) -> None:
-    text = json.dumps(content, indent=2)  # first, for it may fail
-    path.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+    content = json.loads(json.dumps(content))  # first, for it may fail; as it will be read
+    write_text(path.with_suffix(".json"), json.dumps(content | {OF_THE_REST: _digest(content)}, indent=2) + "\n")
+
+
+def _digest(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def _read(path: str | Path) -> dict[str, Any]:
@@ -140,8 +145,11 @@ def _read(path: str | Path) -> dict[str, Any]:
     try:
         content = json.loads(description.read_text(encoding="utf-8"))
         read = {"model": dict(content["model"]), "facts": dict(content["facts"]), "sha256": content.get("sha256")}
+        whole = set(content) <= set(read) or content.get(OF_THE_REST) == _digest(read)  # the first files had no hash
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{description} does not describe a saved module; save it again.") from error
+    if not whole:
+        raise ValueError(f"{description} is damaged: it does not hold what was saved.")
     if "_target_" not in read["model"]:
         raise ValueError(f"{description} was made by morlnav 0.1, which this version does not read; train it again.")
     return read

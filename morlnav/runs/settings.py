@@ -9,6 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from morlnav.deployment.policy import POLICY_FILE
+from morlnav.files import write_text
 from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config
 from morlnav.trainers.drex import CLONE_FILE, REWARD_FILE, LearnedReward
 
@@ -36,14 +37,14 @@ class Settings:
 
     def save(self) -> None:
         """Write the config into the directory, and Hydra's own files if Hydra was told to leave that to us."""
-        OmegaConf.save(self.cfg, self.directory / CONFIG_FILE, resolve=True)
+        write_text(self.directory / CONFIG_FILE, OmegaConf.to_yaml(self.cfg, resolve=True))
         if not HydraConfig.initialized() or HydraConfig.get().output_subdir is not None:
             return
         folder, hydra = self.directory / ".hydra", HydraConfig.get()
         folder.mkdir(exist_ok=True)
-        (folder / "config.yaml").write_text(OmegaConf.to_yaml(self.cfg))
-        (folder / "hydra.yaml").write_text(OmegaConf.to_yaml(OmegaConf.create({"hydra": hydra})))
-        (folder / "overrides.yaml").write_text(OmegaConf.to_yaml(hydra.overrides.task))
+        write_text(folder / "config.yaml", OmegaConf.to_yaml(self.cfg))
+        write_text(folder / "hydra.yaml", OmegaConf.to_yaml(OmegaConf.create({"hydra": hydra})))
+        write_text(folder / "overrides.yaml", OmegaConf.to_yaml(hydra.overrides.task))
 
     def changed(self, counts: Callable[[str], bool] = lambda key: True) -> list[str]:
         """What the config says otherwise than that of the run in the directory, as ``seed: 0 then, 5 now``.

@@ -16,6 +16,7 @@ import torch
 from filelock import FileLock
 from torch import nn
 
+from morlnav.files import sha256
 from morlnav.modules import load_module, read_facts, save_module
 from morlnav.record.progress import stage
 
@@ -144,7 +145,7 @@ def _fill(path: Path, make: Callable[[Path], None]) -> None:
 
 def _verify(path: Path) -> None:
     kept = path.with_suffix(".sha256")
-    if kept.is_file() and kept.read_text() != _digest(path):
+    if not kept.is_file() or kept.read_text() != _digest(path):
         raise ValueError("its files are not those that were kept")
 
 
@@ -152,8 +153,7 @@ def _digest(folder: Path) -> str:
     digest = hashlib.sha256()
     for file in sorted(path for path in folder.rglob("*") if path.is_file()):
         digest.update(f"{file.relative_to(folder).as_posix()}\0{file.stat().st_size}\0".encode())
-        with file.open("rb") as stream:
-            digest.update(hashlib.file_digest(stream, "sha256").digest())
+        digest.update(bytes.fromhex(sha256(file)))
     return digest.hexdigest()
 
 

@@ -15,9 +15,10 @@ from torchrl.checkpoint import Checkpoint, CheckpointError
 from torchrl.data import PrioritizedSampler, ReplayBuffer
 from torchrl.trainers.trainers import Trainer
 
+from morlnav.files import BLOCK, require_room, sha256
+
 LISTING = "files.json"
 SUFFIXES = (".json", ".memmap")  # text and bare numbers, in which no code can hide
-BLOCK = 4096  # bytes of disk that the smallest file takes
 ROOM_FOR_TEXT = 2**21  # bytes; the JSON files of a run take a quarter of it
 
 
@@ -50,13 +51,7 @@ class ListedCheckpoint(Checkpoint):
         folder.mkdir(parents=True, exist_ok=True)
         for unfinished in folder.glob(".*.stage-*"):  # of a process that was killed while it wrote
             shutil.rmtree(unfinished, ignore_errors=True)
-        # A memory-mapped file that outgrows the disk kills the process without a word, so we look first.
-        needed, free = self._needed_bytes(), shutil.disk_usage(folder).free
-        if needed > free:
-            raise OSError(
-                f"The next checkpoint needs {needed / 1e6:.1f} MB, but {folder} has {free / 1e6:.1f} MB free; make "
-                f"room and resume, what was saved before is intact."
-            )
+        require_room(folder, self._needed_bytes(), "make room and resume, what was saved before is intact")
         return super().save(path, **settings)
 
     def _needed_bytes(self) -> int:
@@ -174,9 +169,7 @@ def _hashes(path: Path) -> dict[str, dict[str, Any]]:
     hashes = {}
     for file in _files(path):
         if file != path / LISTING:
-            with file.open("rb") as stream:
-                digest = hashlib.file_digest(stream, "sha256").hexdigest()
-                hashes[file.relative_to(path).as_posix()] = {"size": stream.tell(), "sha256": digest}
+            hashes[file.relative_to(path).as_posix()] = {"size": file.stat().st_size, "sha256": sha256(file)}
     return hashes
 
 

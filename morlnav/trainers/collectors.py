@@ -86,6 +86,8 @@ def share_of(workers: int, num_envs: int) -> int:
 
 def _make_workers_env(make_env: Callable[..., EnvBase], share: int, worker: int, seed: int) -> Any:
     if multiprocessing.parent_process() is not None:  # Ctrl-C reaches all processes; the learner stops the workers
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), signal.SIG_IGN)
     torch.manual_seed(seed)  # preferences and exploration draw from the worker's global state
     return make_env(num_envs=share, seed=seed, first=worker * share)

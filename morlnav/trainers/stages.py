@@ -15,6 +15,7 @@ from torchrl.envs import EnvBase
 
 from morlnav.config import Part, supply
 from morlnav.data import SnippetPairs, roll_out_ranked
+from morlnav.files import write_tensors
 from morlnav.modules import NormalisedReward, RewardEnsemble
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.supervised import Fit
@@ -44,7 +45,7 @@ class Demonstrations(ABC):
 
     def save(self, data: TensorDict, path: Path) -> None:
         """Keep them in a folder."""
-        data.memmap(path, copy_existing=True)
+        write_tensors(data, path)
 
     def load(self, path: Path) -> TensorDict:
         """What :meth:`save` kept."""

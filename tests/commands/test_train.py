@@ -22,6 +22,7 @@ from morlnav.commands.evaluate import evaluate_run
 from morlnav.commands.train import run
 from morlnav.runs import Run
 from morlnav.trainers import Training
+from morlnav.trainers.checkpoint import find_checkpoints
 
 
 def test_a_run_leaves_everything_behind(smoke_run):
@@ -84,6 +85,27 @@ def test_ctrl_c_says_how_to_go_on_and_going_on_loses_nothing(smoke_run, tmp_path
     run(configure(f"resume='{tmp_path}'"), tmp_path)
     assert "at 208 of 512 frames" in capsys.readouterr().out
     assert_identical(torch.load(tmp_path / "policy.pt"), torch.load(smoke_run / "policy.pt"))
+
+
+@pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
+def test_whatever_asks_a_training_to_end_gets_a_checkpoint(number, tmp_path, monkeypatch):
+    number, make_trainer = getattr(signal, number), Training.make_trainer
+
+    def asked_trainer(*args):
+        trainer = make_trainer(*args)
+        trainer.register_op("post_steps", lambda: os.kill(os.getpid(), number))
+        return trainer
+
+    monkeypatch.setattr(Training, "make_trainer", asked_trainer)
+    brief = configure("trainer.total_frames=48", "collector.init_random_frames=16")
+    assert run(brief, tmp_path / "asked") is None
+    assert [path.name for path in find_checkpoints(tmp_path / "asked")] == ["checkpoint-000000000016"]
+    if number == signal.SIGHUP:
+        before = signal.signal(number, signal.SIG_IGN)  # as nohup does
+        try:
+            assert run(brief, tmp_path / "deaf") is not None
+        finally:
+            signal.signal(number, before)
 
 
 def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_run, train_command, tmp_path, capsys):

@@ -117,7 +117,7 @@ rewards.ranking.batch_size=0                        | rewards.ranking.batch_size
 rewards.ranking.held_out=2                          | held_out=2 keeps none of 4 episodes
 rewards.ranking.noise.hold=0                        | rewards.ranking.noise.hold must be at least 1
 rewards.audit.num_scenes=0                          | rewards.audit.num_scenes must be at least 1
-rewards.audit.plans=-1                              | rewards.audit.plans and scene_seed must not be negative
+rewards.audit.plans=-1                              | rewards.audit.plans, scene_seed and seed must not be negative
 rewards.demonstrations.demo.policy.speed=9          | rewards.demonstrations.demo.policy.speed must be at most the robot's 0.5
 rewards.demonstrations.demo.num_envs=0              | rewards.demonstrations.demo.num_envs must be at least 1
 """

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 
 import pytest
 import torch
@@ -77,12 +78,34 @@ def test_an_actor_on_bare_observations_is_kept_too(tmp_path):
     assert torch.equal(load_module(tmp_path / "policy.pt")(*inputs), actor(*inputs))
 
 
+def description(path):
+    """What is said of a module, without the hash that tells whether it was changed."""
+    content = json.loads(path.with_suffix(".json").read_text())
+    del content["sha256_of_the_rest"]
+    return content
+
+
+@pytest.mark.parametrize("word", ["true", "14", "observation", "sha256"])
+def test_a_changed_description_is_damaged(model, tmp_path, word):
+    path = tmp_path / "reward.pt"
+    save_module(model, path, {"passed": True, 2: (0.1, 14)})
+    text = path.with_suffix(".json").read_text()
+    for index in (match.start() for match in re.finditer(word, text)):
+        path.with_suffix(".json").write_text(f"{text[:index]}{chr(ord(text[index]) ^ 1)}{text[index + 1 :]}")
+        with pytest.raises(
+            ValueError, match=r"reward\.json is damaged|reward\.json does not describe|hold the weights"
+        ):
+            load_module(path)
+    path.with_suffix(".json").write_text(text)
+    load_module(path)
+
+
 def test_what_is_missing_or_damaged_is_named_in_one_sentence(model, tmp_path):
     path = tmp_path / "reward.pt"
     with pytest.raises(FileNotFoundError, match=r"^There is no .*\.$"):
         load_module(path)
     save_module(model, path)
-    content = json.loads(path.with_suffix(".json").read_text())
+    content = description(path)
     reward = content["model"]["model"]["models"][0]
 
     def describe(**changes):
@@ -131,7 +154,7 @@ def test_what_is_missing_or_damaged_is_named_in_one_sentence(model, tmp_path):
 def test_no_path_leads_to_foreign_code(model, tmp_path, target, sentence, where):
     path = tmp_path / "reward.pt"
     save_module(model, path)
-    content = json.loads(path.with_suffix(".json").read_text())
+    content = description(path)
     part = {"_target_": target}
     reward = content["model"]["model"]["models"][0]
     content["model"] = part if where == "root" else {**reward, "features": part}

@@ -95,6 +95,16 @@ def test_a_module_without_its_description_is_noticed(cache, tmp_path):
         cache.keep_module("clone", never)
 
 
+@pytest.mark.parametrize("damage", ["a bit", "cut", "empty", "missing"])
+def test_a_changed_hash_is_noticed(cache, tmp_path, damage):
+    keep(cache)
+    (path,) = tmp_path.glob("demonstrations-*[0-9a-f]/")
+    file = path.with_suffix(".sha256")
+    file.unlink() if damage == "missing" else overwrite(file, damage)
+    with pytest.raises(ValueError, match=SENTENCE.format(path=path)):
+        keep(cache, never)
+
+
 def test_a_changed_report_is_noticed(cache):
     path = keep_folder(cache)
     (path / "audit.json").write_text('{"passed": false}')

@@ -8,7 +8,7 @@ import pytest
 import torch
 from support import ANALYTICAL, SMALL, configure, trainer_for
 
-from morlnav.commands.train import run
+from morlnav.commands.train import STOP, run
 from morlnav.runs import make_training
 from morlnav.trainers.collectors import _make_workers_env
 from morlnav.trainers.workers import watched
@@ -36,7 +36,8 @@ def test_workers_act_with_the_learners_weights_until_one_dies(tmp_path):
             action = actor(batch["observation"], batch["preference"])
         apart.append((action - batch["action"]).abs().max().item())
         if len(apart) == 3:
-            os.kill(trainer.collector.procs[0].pid, signal.SIGINT)  # as Ctrl-C, which is the learner's affair
+            for number in STOP:  # they may reach all processes, and are the learner's affair
+                os.kill(trainer.collector.procs[0].pid, number)
         if len(apart) == 6:
             os.kill(trainer.collector.procs[0].pid, signal.SIGKILL)
         return batch

@@ -57,7 +57,8 @@ def test_a_ruined_policy_is_neither_saved_nor_loaded_nor_exported(ruined, smoke_
         export_policy(ruined, tmp_path / "export", ("pt2",))
     assert not list(tmp_path.iterdir())
     description = json.loads((smoke_run / "policy.json").read_text())
-    del description["sha256"]  # or the hash would be refused before
+    for name in ("sha256", "sha256_of_the_rest"):  # or they would be refused before
+        del description[name]
     (tmp_path / "policy.json").write_text(json.dumps(description))
     torch.save(ruined.actor.state_dict(), tmp_path / "policy.pt")
     with pytest.raises(ValueError, match=r"policy\.pt cannot be used: its mlp\.0\.weight is not finite"):
@@ -73,7 +74,8 @@ def test_a_ruined_reward_is_neither_saved_nor_loaded(tmp_path):
     load_module(path)
     torch.save(model.state_dict(), path)
     description = json.loads(path.with_suffix(".json").read_text())
-    del description["sha256"]
+    for name in ("sha256", "sha256_of_the_rest"):
+        del description[name]
     path.with_suffix(".json").write_text(json.dumps(description))
     with pytest.raises(ValueError, match=r"reward\.pt cannot be used: its mlp\.0\.bias is not finite"):
         load_module(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -50,8 +51,8 @@ class RewardAudit:
     ) -> None:
         if num_scenes < 1:
             raise ValueError(f"num_scenes must be at least 1, got {num_scenes}.")
-        if plans < 0 or scene_seed < 0:
-            raise ValueError(f"plans and scene_seed must not be negative, got {plans} and {scene_seed}.")
+        if min(plans, scene_seed, seed) < 0:
+            raise ValueError(f"plans, scene_seed and seed must not be negative, got {plans}, {scene_seed} and {seed}.")
         self.required, self.plans, self.bare = required, plans, bare
         self.num_scenes, self.scene_seed = num_scenes, scene_seed
         self.world, self.scenes, self.observe_human = world, scenes, observe_human
@@ -69,9 +70,14 @@ class RewardAudit:
     ) -> Audit | None:
         """Audit a reward, and write the verdict, tables and figures to ``output``.
 
+        Raises:
+            ValueError: for a scale that is not positive, or an offset that is not finite.
+
         Returns:
             The audit; ``None`` where it was not possible, as the demonstrator arrives nowhere: it is failed then.
         """
+        if not 0 < scale < math.inf or not math.isfinite(offset):
+            raise ValueError(f"scale must be positive and offset a finite number, got {scale} and {offset}.")
         settings = {"scale": scale, "offset": offset, "snippet": snippet, "max_steps": self.max_steps}
         settings |= {"plans": self.plans, "bare": self.bare, "seed": self.seed}
         try:
@@ -86,6 +92,7 @@ class RewardAudit:
         except ValueError as error:  # a clone that never arrives cannot stand in for anybody
             output.mkdir(parents=True, exist_ok=True)
             (output / "audit.json").write_text(json.dumps({"passed": False, "reasons": [str(error)]}))
+            (output / "audit.md").write_text(f"**Failed.**\n- {error}\n")
             return None
         write_audit(audit, output, {"num_scenes": self.num_scenes, "scene_seed": self.scene_seed, **settings})
         return audit

@@ -50,6 +50,7 @@ def write_audit(audit: Audit, directory: str | Path, settings: Mapping[str, Any]
     (directory / "audit.md").write_text(report + "\n", encoding="utf-8")
     plot_margins(audit.behaviours).savefig(directory / "margins.png", dpi=150)
     plot_noise(audit.noise, audit.calibration).savefig(directory / "noise.png", dpi=150)
+    (directory / "plans.png").unlink(missing_ok=True)
     if audit.planned:
         plot_plans(audit.planned, audit.references).savefig(directory / "plans.png", dpi=150)
     return report

@@ -11,6 +11,8 @@ from typing import Any
 from tensordict import TensorDict
 from torch import Tensor
 
+from morlnav.files import sha256, write_tensors
+
 SCHEMA = "morlnav.demonstrations"
 VERSION = 1
 HEADER = "demonstrations.json"
@@ -27,6 +29,7 @@ def save_demonstrations(data: TensorDict, path: str | Path, settings: Mapping[st
 
     Raises:
         FileExistsError: if the folder holds anything.
+        OSError: if the disk has too little room.
         ValueError: if the data are no demonstrations or hold anything but tensors.
         TypeError: if the settings are not JSON.
     """
@@ -37,7 +40,7 @@ def save_demonstrations(data: TensorDict, path: str | Path, settings: Mapping[st
     if path.exists() and any(path.iterdir()):
         raise FileExistsError(f"{path} is not empty; save demonstrations into a new folder.")
     settings = json.loads(json.dumps(dict(settings or {})))
-    data.memmap(path / "data", copy_existing=True)
+    write_tensors(data, path / "data")
     header = {
         "schema": SCHEMA,
         "version": VERSION,
@@ -128,7 +131,7 @@ def _files(folder: Path) -> dict[str, int]:
 
 
 def _hashes(folder: Path) -> dict[str, str]:
-    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in _files(folder)}
+    return {name: sha256(folder / name) for name in _files(folder)}
 
 
 def _problem(data: Any) -> str | None:

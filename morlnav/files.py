@@ -1,0 +1,86 @@
+"""Files that are whole or not there, and hashes that tell whether they still are what was written."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tensordict import TensorDictBase
+
+BLOCK = 4096
+"""Bytes of disk that the smallest file takes."""
+
+
+def sha256(path: Path) -> str:
+    """The SHA-256 of a file's content.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "empty"
+    >>> path.touch()
+    >>> sha256(path)[:8]
+    'e3b0c442'
+    """
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file at once: whoever is killed meanwhile leaves what was there before.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "config.yaml"
+    >>> write_text(path, "seed: 0")
+    >>> [file.name for file in path.parent.iterdir()]
+    ['config.yaml']
+    """
+    unfinished = path.with_name(f"{path.name}.part")
+    unfinished.write_text(text, encoding="utf-8")
+    unfinished.replace(path)
+
+
+def require_room(folder: Path, needed: int, advice: str = "make room and begin again") -> None:
+    """Refuse to write more than a disk can hold: a memory-mapped file that outgrows it kills without a word.
+
+    Args:
+        folder: where files are to go; it must exist.
+        needed: bytes.
+        advice: what to do about it.
+
+    Raises:
+        OSError: if there is less room.
+
+    Examples:
+        >>> require_room(Path("."), 10**18)  # doctest: +ELLIPSIS
+        Traceback (most recent call last):
+        OSError: The disk of . has ... MB free, but 1000000000000.0 MB are needed; make room and begin again.
+    """
+    free = shutil.disk_usage(folder).free
+    if needed > free:
+        raise OSError(
+            f"The disk of {folder} has {free / 1e6:.1f} MB free, but {needed / 1e6:.1f} MB are needed; {advice}."
+        )
+
+
+def write_tensors(data: TensorDictBase, path: Path) -> None:
+    """Write tensors into a new folder, each as a memory-mapped file.
+
+    Raises:
+        OSError: if the disk has too little room.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    leaves = data.values(include_nested=True, leaves_only=True)
+    require_room(path.parent, sum(leaf.nbytes + BLOCK for leaf in leaves) + 16 * BLOCK)
+    data.memmap(path, copy_existing=True)
+
+
+def is_full(error: BaseException) -> bool:
+    """Whether the system refused to write for lack of room.
+
+    >>> is_full(OSError(errno.ENOSPC, "No space left on device")), is_full(OSError())
+    (True, False)
+    """
+    return isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)

@@ -1,8 +1,10 @@
 """Demonstrations: recorded from a policy, driven by hand, or imported."""
 
+from morlnav.navigation.demonstrations.columns import Reading
 from morlnav.navigation.demonstrations.folder import (
     demonstration_settings,
     demonstrations_digest,
+    join_demonstrations,
     load_demonstrations,
     save_demonstrations,
 )
@@ -15,6 +17,7 @@ from morlnav.navigation.demonstrations.trajectory_file import Trajectories, read
 
 __all__ = [
     "Disturbance",
+    "Reading",
     "RecordedFolder",
     "RecordedPolicy",
     "SeedReplay",
@@ -23,6 +26,7 @@ __all__ = [
     "demonstrations_digest",
     "export_demonstrations",
     "import_demonstrations",
+    "join_demonstrations",
     "load_demonstrations",
     "read_trajectories",
     "record_demonstrations",

@@ -11,7 +11,13 @@ from tensordict import TensorDict
 
 from morlnav.cli import composed, one_sentence_errors, quiet
 from morlnav.config import build, check, plain
-from morlnav.navigation.demonstrations import Reading, import_demonstrations, load_demonstrations
+from morlnav.navigation.demonstrations import (
+    Reading,
+    from_minari,
+    import_demonstrations,
+    join_demonstrations,
+    load_demonstrations,
+)
 from morlnav.navigation.demonstrations.drive import Recorder, add_demonstrations
 from morlnav.navigation.demonstrations.folder import check_world
 from morlnav.navigation.envs import NavigationEnv
@@ -63,7 +69,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--size", type=int, nargs=2, default=(1000, 700), help="of the window in pixels")
     read = parser.add_argument_group("import", "What a file does not tell, or tells in words of its own.")
     several = {"nargs": "+", "action": "extend"}
-    read.add_argument("--import", dest="files", **several, metavar="FILE", help="tables, arrays (.npz) and ROS bags")
+    read.add_argument("--import", dest="files", **several, metavar="FILE", help="tables, .npz, ROS bags, minari:NAME")
     read.add_argument("--columns", **several, metavar="NAME=COLUMN", help="such as time=stamp x=px episode=trial")
     read.add_argument("--units", **several, metavar="NAME=UNIT", help="such as time=ms length=mm angle=deg goal_x=cm")
     read.add_argument("--names", nargs="+", metavar="NAME", help="of all columns, for a text without a header")
@@ -127,7 +133,12 @@ def main() -> None:
         if files:
             how = {"tolerance": args.tolerance, "good_only": args.good_only}
             how = {name: value for name, value in how.items() if value is not None}
-            data = import_demonstrations(files, reading=_reading(args), world=env.world, **how)
+            sets = [file.removeprefix("minari:") for file in files if file.startswith("minari:")]
+            parts = [from_minari(name, env.world) for name in sets]
+            if len(sets) < len(files):
+                tables = [file for file in files if not file.startswith("minari:")]
+                parts.append(import_demonstrations(tables, reading=_reading(args), world=env.world, **how))
+            data = join_demonstrations(parts)
             total = add_demonstrations(data, args.folder, ", ".join(Path(file).name for file in files), env.world)
         else:
             settings = set(vars(args)) - {"folder", "overrides", "seed", "size", "files"}

@@ -8,6 +8,7 @@ from morlnav.navigation.demonstrations.folder import (
     load_demonstrations,
     save_demonstrations,
 )
+from morlnav.navigation.demonstrations.minari import from_minari, to_minari
 from morlnav.navigation.demonstrations.record import Disturbance, record_demonstrations, rewarded_transitions
 from morlnav.navigation.demonstrations.replay import recorded_demonstrations, replay_demonstrations
 from morlnav.navigation.demonstrations.seed_replay import SeedReplay
@@ -25,6 +26,7 @@ __all__ = [
     "demonstration_settings",
     "demonstrations_digest",
     "export_demonstrations",
+    "from_minari",
     "import_demonstrations",
     "join_demonstrations",
     "load_demonstrations",
@@ -34,4 +36,5 @@ __all__ = [
     "replay_demonstrations",
     "rewarded_transitions",
     "save_demonstrations",
+    "to_minari",
 ]

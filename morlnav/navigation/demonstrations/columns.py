@@ -72,7 +72,8 @@ class Reading:
 
     Args:
         columns: the file's name for ``time``, ``episode``, ``x``, ``y``, ``heading``, ``v``, ``omega``, ``qx`` …
-            ``qw``, or a column of the scene such as ``goal_x``.
+            ``qw``, or a column of the scene such as ``goal_x``; of a bag, topics for ``pose``, ``goal``, ``human`` and
+            ``scan``.
         units: of a column or of all of a kind: ``time``, ``length``, ``angle``, ``speed``, ``turn``. They go before
             units that stand in a header, as in ``x [mm]`` or ``yaw_deg``.
         separator: between fields, such as ``";"``.
@@ -114,7 +115,8 @@ class Reading:
 
     def __post_init__(self) -> None:
         for name in self.columns:
-            if _kind(name) is None and name not in ("episode", "nanosec", "frame", "track"):
+            topics = ("pose", "goal", "human", "scan")
+            if _kind(name) is None and name not in (*topics, "episode", "nanosec", "frame", "track"):
                 known = ("time", "episode", *(part for part in NAMES if part in _KINDS), *_SCENE)
                 raise ValueError(f"columns: there is no {name}; {nearest(name, known)}")
         for name, unit in self.units.items():

@@ -108,8 +108,34 @@ def check_world(path: str | Path, world: World) -> None:
     differ = [name for name in recorded if name in here and recorded[name] != here[name]]
     if differ:
         told = " and ".join(f"{name}={_short(recorded[name])} (here {_short(here[name])})" for name in differ)
-        keys = " ".join(f"world.{name}={recorded[name]}" for name in differ)
+        keys = " ".join(f"env.world.{name}={recorded[name]}" for name in differ)
         raise ValueError(f"The demonstrations in {path} were recorded with {told}; set {keys}, or record anew.")
+
+
+def check_drives(data: TensorDict, name: str, world: World) -> None:
+    """Refuse demonstrations ``[N]`` that nobody can have driven in a world.
+
+    Args:
+        data: as :func:`record_demonstrations` returns them.
+        name: of the demonstrations, for the message.
+        world: that they are said to be driven in.
+
+    Raises:
+        ValueError: for another width of observations, too fast actions, or steps that take another time.
+    """
+    name, width, wanted = name[0].upper() + name[1:], data["observation"].shape[-1], 4 + world.lidar.sectors
+    if width != wanted:
+        raise ValueError(f"{name} hold observations of {width} numbers, the world has {wanted}.")
+    speed, limit = data["action"][:, 0].max(), world.robot.action_high[0]
+    if speed > 1.01 * limit:
+        raise ValueError(f"{name} drive up to {speed:.2f} m/s, the world's robot {limit:.2g}.")
+    driven = world.robot.move(data["pose"], data["executed_action"], world.step_time)
+    apart = (driven - data["next", "pose"])[:, :2].norm(dim=-1)[~data["next", "done"].squeeze(-1)]
+    if len(apart) and apart.median() > 0.005:
+        raise ValueError(
+            f"{name} do not get from pose to pose by their actions in steps of {world.step_time:g} s; set "
+            f"env.world.step_time to that of the recording."
+        )
 
 
 def _short(value: Any) -> str:

@@ -11,6 +11,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from morlnav.navigation.demonstrations.folder import (
     ABSENT,
+    check_drives,
     check_world,
     demonstrations_digest,
     join_demonstrations,
@@ -68,19 +69,7 @@ def _of_this_world(path: str | Path, world: World) -> TensorDict:
     """A folder's demonstrations ``[N]``, which the world's robot can have driven."""
     check_world(path, world)
     data = load_demonstrations(path)
-    width, wanted = data["observation"].shape[-1], 4 + world.lidar.sectors
-    if width != wanted:
-        raise ValueError(f"The demonstrations in {path} hold observations of {width} numbers, the world has {wanted}.")
-    speed, limit = data["action"][:, 0].max(), world.robot.action_high[0]
-    if speed > 1.01 * limit:
-        raise ValueError(f"The demonstrations in {path} drive up to {speed:.2f} m/s, the world's robot {limit:.2g}.")
-    driven = world.robot.move(data["pose"], data["executed_action"], world.step_time)
-    apart = (driven - data["next", "pose"])[:, :2].norm(dim=-1)[~data["next", "done"].squeeze(-1)]
-    if len(apart) and apart.median() > 0.005:
-        raise ValueError(
-            f"The actions of the demonstrations in {path} do not lead from pose to pose in a step of "
-            f"{world.step_time:g} s; set world.step_time to that of the recording."
-        )
+    check_drives(data, f"the demonstrations in {path}", world)
     return data
 
 

@@ -426,8 +426,8 @@ def _check_units(file: Trajectories, columns: Columns, max_speed: float) -> None
         raise ValueError(f"{file.path}: {found}; {' and '.join(asks)} Then: --units {' '.join(units)}.")
     if speed > fast:
         raise ValueError(
-            f"{file.path}: {found}, and the robot can {max_speed:g} m/s; set world.robot.max_speed=NUMBER for a faster "
-            f"one, or --units if lengths or times are in others."
+            f"{file.path}: {found}, and the robot can {max_speed:g} m/s; set env.world.robot.max_speed=NUMBER for a "
+            f"faster one, or --units if lengths or times are in others."
         )
 
 

@@ -221,7 +221,9 @@ def test_a_recording_belongs_to_its_world(tmp_path):
     oracle = CircumnavigationOracle(speed=1.0)
     data, _ = record_demonstrations(oracle, SceneSampler(num_boxes=0), 1, num_envs=4, world=fast)
     assert add_demonstrations(data, tmp_path / "mine", "a.csv", fast) == 1
-    words = r"mine were recorded with robot.max_speed=1.5 \(here 0.5\); set world.robot.max_speed=1.5, or record anew"
+    words = (
+        r"mine were recorded with robot.max_speed=1.5 \(here 0.5\); set env.world.robot.max_speed=1.5, or record anew"
+    )
     with pytest.raises(ValueError, match=words):
         add_demonstrations(data, tmp_path / "mine", "b.csv", TensorWorld())
     with pytest.raises(ValueError, match=words):
@@ -238,7 +240,7 @@ def test_a_folder_that_tells_no_world_is_held_against_this_one(tmp_path):
     fast = TensorWorld(robot=DifferentialDrive(max_speed=1.5))
     for name, world, words in [
         ("fast", fast, r"fast drive up to 1.00 m/s, the world's robot 0.5"),
-        ("slow", TensorWorld(step_time=0.1), r"do not lead from pose to pose in a step of 0.2 s"),
+        ("slow", TensorWorld(step_time=0.1), r"do not get from pose to pose by their actions in steps of 0.2 s"),
     ]:
         oracle = CircumnavigationOracle(speed=1.0 if name == "fast" else 0.5)
         data, _ = record_demonstrations(oracle, SceneSampler(num_boxes=0), 1, num_envs=4, world=world)

@@ -14,7 +14,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from morlnav.navigation.demonstrations.columns import Reading
+from morlnav.navigation.demonstrations.columns import TOPICS, Reading
 from morlnav.navigation.demonstrations.table import Table
 
 POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped")
@@ -74,6 +74,10 @@ class _Bag:
         self.path, self.reader, self.reading = path, reader, reading
         self.notes: list[str] = []
         self.used: set[str] = set()
+        wrong = [f"columns {name}" for name in reading.columns if name not in TOPICS]
+        wrong += [name for name in ("separator", "decimal", "names") if getattr(reading, name) is not None]
+        if wrong:
+            raise ValueError(f"{path} is a bag, of which {wrong[0]} says nothing; its parts are {', '.join(TOPICS)}.")
 
     def table(self) -> tuple[Table, Reading]:
         """All of it."""
@@ -98,9 +102,7 @@ class _Bag:
         if human is None and (self.reading.human == "scan" or (self.reading.human is None and self.topics(SCAN))):
             reading = replace(reading, human=self.person(time, pose))
         left = sorted({connection.topic for connection in self.reader.connections} - self.used)
-        self.notes.append(
-            f"of the topics, {', '.join(sorted(self.used))} are read and {', '.join(left) or 'none'} ignored"
-        )
+        self.notes.append(f"topics {', '.join(sorted(self.used))} are read, {', '.join(left) or 'none'} ignored")
         series = {name: pd.Series(values) for name, values in columns.items()}
         return Table(self.path, series, row, f"message {{}} of {topic}", tuple(self.notes)), reading
 

@@ -66,6 +66,10 @@ FILLING = frozenset(
 )
 
 
+TOPICS = ("pose", "goal", "human", "scan")
+"""Parts of a bag."""
+
+
 @dataclass(frozen=True)
 class Reading:
     """How to read files of trajectories, as far as they do not tell; everything has a default that is told or asked.
@@ -115,8 +119,7 @@ class Reading:
 
     def __post_init__(self) -> None:
         for name in self.columns:
-            topics = ("pose", "goal", "human", "scan")
-            if _kind(name) is None and name not in (*topics, "episode", "nanosec", "frame", "track"):
+            if _kind(name) is None and name not in (*TOPICS, "episode", "nanosec", "frame", "track"):
                 known = ("time", "episode", *(part for part in NAMES if part in _KINDS), *_SCENE)
                 raise ValueError(f"columns: there is no {name}; {nearest(name, known)}")
         for name, unit in self.units.items():
@@ -175,14 +178,13 @@ class Columns:
 
     def __init__(self, table: Table, reading: Reading) -> None:
         self.table, self.reading = table, reading
+        if topics := [name for name in reading.columns if name in TOPICS]:
+            raise ValueError(f"{table.path} is no bag, in which {topics[0]} would be a topic; {table}.")
         self.name, self._units = _choose(table, reading)
         found = [name for name in table.columns
                  if name not in self.name.values() and EPISODE.fullmatch(_normal(name))]  # fmt: skip
         self.episodes = [self.name["episode"]] if "episode" in self.name else found
         self._read: dict[str, None] = {}
-        for name in reading.units:
-            if name not in UNITS and name not in self.name:
-                raise ValueError(f"{table.path}: units names {name}, which is not among the columns; {table}.")
 
     def __contains__(self, name: str) -> bool:
         return name in self.name
@@ -233,6 +235,16 @@ class Columns:
             whole = cells.dtype != object and (cells % 1 == 0).all()
             parts.append((cells.astype(int) if whole else cells).astype(str))
         return None if not parts else pd.concat(parts, axis=1).agg(" ".join, axis=1).to_numpy()
+
+    def check_all_is_used(self) -> None:
+        """Refuse a column or unit that was named and that nothing was read from.
+
+        Raises:
+            ValueError: naming it.
+        """
+        for name in (*self.reading.columns, *self.reading.units):
+            if name not in UNITS and name != "track" and self.name.get(name) not in {*self._read}:
+                raise ValueError(f"{self.table.path}: {name} is named and not read; read are {', '.join(self._read)}.")
 
     @property
     def used(self) -> list[str]:

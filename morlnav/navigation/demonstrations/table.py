@@ -115,11 +115,13 @@ def read_table(
     data = path.read_bytes()
     if not data.strip():
         raise ValueError(f"{path} holds no sample: it is empty ({len(data)} bytes).")
-    if data.startswith(b"PK") and _is_npz(path):
-        return _arrays(path)
-    text = _text(path, data)
-    if text.lstrip().startswith("{") or path.suffix == ".ndjson":
-        return _tracks(path, text)
+    is_npz = data.startswith(b"PK") and _is_npz(path)
+    text = "" if is_npz else _text(path, data)
+    is_json = text.lstrip().startswith("{") or path.suffix == ".ndjson"
+    if (is_npz or is_json) and (separator or decimal or names):
+        raise ValueError(f"{path} is no table of text, for which a separator, decimal sign or names would be told.")
+    if is_npz or is_json:
+        return _arrays(path) if is_npz else _tracks(path, text)
     return _cells(path, text, separator, decimal, names)
 
 

@@ -116,6 +116,10 @@ def read_trajectories(path: str | Path, reading: Reading | None = None, max_spee
 def _assemble(table: Table, columns: Columns, reading: Reading, max_speed: float) -> Trajectories:
     notes = list(table.notes)
     kind = _kind(table, columns)
+    if reading.human == "scan":
+        raise ValueError(f"{table.path} is no bag, whose scans could show the human; give --human X Y.")
+    if kind == "action" and (reading.heading or reading.goal == "end"):
+        raise ValueError(f"{table.path} holds actions, for which headings and ends are not told; leave them out.")
     ids = columns.ids()
     episode, names = pd.factorize(ids) if ids is not None else (np.zeros(len(table.row), int), ["0"])
     names = [str(name) for name in names]
@@ -147,6 +151,7 @@ def _assemble(table: Table, columns: Columns, reading: Reading, max_speed: float
     for name in ("goal", "human"):
         if getattr(reading, name) is not None and any(f"{name}_{part}" in columns for part in "xy"):
             file.notes.append(f"the {name} is as given, not as in its columns")
+    columns.check_all_is_used()
     file.used.extend(columns.used)
     file.ignored.extend(columns.ignored)
     return file

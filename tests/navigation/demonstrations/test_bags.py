@@ -90,7 +90,10 @@ def write_bag(path, driven, version=2, topics=("odom", "goal", "scan"), seconds=
                  "goal": ("/goal_pose", "geometry_msgs/msg/PoseStamped"),
                  "person": ("/person", "geometry_msgs/msg/PointStamped")}  # fmt: skip
         send = {name: channel(*kinds[name]) for name in topics}
-        starts = dict(goals)
+        starts, every = dict(goals), RATE // 10
+        here, box = torch.tensor(poses[:count:every]).float(), torch.tensor([[3.0, 4.0, 6.0, 0.1, 0.0]])
+        human = torch.tensor([human_at]).expand(len(here), 2)
+        scans = lidar.cast(here, human, box.expand(len(here), 1, 5), world.human_radius).numpy()
         for i in range(count):
             stamp, pose = START + i * 10**9 // RATE, poses[i].tolist()
             if "goal" in send and i in starts:
@@ -108,9 +111,8 @@ def write_bag(path, driven, version=2, topics=("odom", "goal", "scan"), seconds=
             if "person" in send and i % 10 == 0:
                 there = types["Point"](x=human_at[0] + 0.01 * (-1) ** i, y=human_at[1], z=0.0)
                 send["person"](stamp, types["PointStamped"](header=header(stamp, "odom"), point=there))
-            if "scan" in send and i % (RATE // 10) == 0:
-                here, boxes = torch.tensor(poses[i : i + 1]).float(), torch.tensor([[[3.0, 4.0, 6.0, 0.1, 0.0]]])
-                ranges = lidar.cast(here, torch.tensor([human_at]), boxes, world.human_radius)[0].numpy()
+            if "scan" in send and i % every == 0:
+                ranges = scans[i // every]
                 message = {"angle_min": -np.pi, "angle_max": np.pi, "angle_increment": 2 * np.pi / 180}
                 message |= {"range_min": 0.1, "range_max": 8.0, "time_increment": 0.0, "scan_time": 0.1}
                 scan = types["LaserScan"](header(stamp, "base_link"), ranges=ranges, intensities=ranges[:0], **message)

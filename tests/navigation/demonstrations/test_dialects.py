@@ -579,7 +579,12 @@ def test_a_wrong_reading_is_refused(settings, words):
 def test_what_is_said_and_not_needed_is_refused(tmp_path):
     file = write(TRUTH, tmp_path)
     refused(file, "tells times in column time; a rate is for files without", reading=Reading(rate=10))
-    refused(file, "units names v, which is not among the columns", reading=Reading(units={"v": "km/h"}))
+    refused(file, "v is named and not read; read are time, x, y", reading=Reading(units={"v": "km/h"}))
+    refused(file, "is no bag, in which pose would be a topic", reading=Reading(columns={"pose": "/odom"}))
+    refused(file, "is no bag, whose scans could show the human", reading=Reading(human="scan"))
+    refused(write(TRUTH.assign(v=0.45), tmp_path), "v is named and not read", reading=Reading(columns={"v": "v"}))
+    np.savez(tmp_path / "drive.npz", **{name: TRUTH[name].to_numpy() for name in TRUTH})
+    refused(tmp_path / "drive.npz", "is no table of text", reading=Reading(separator=";"))
     refused(file, "holds no column of tracks", reading=Reading(robot="3"))
     refused(write(TRUTH.rename(columns={"x": "x [furlong]"}), tmp_path), "furlong is no unit of length")
 

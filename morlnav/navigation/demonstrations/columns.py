@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from morlnav.config import nearest
-from morlnav.navigation.demonstrations.table import Table
+from morlnav.navigation.demonstrations.table import BLANK, Table
 
 UNITS = {
     "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
@@ -178,8 +178,6 @@ class Columns:
 
     def __init__(self, table: Table, reading: Reading) -> None:
         self.table, self.reading = table, reading
-        if topics := [name for name in reading.columns if name in TOPICS]:
-            raise ValueError(f"{table.path} is no bag, in which {topics[0]} would be a topic; {table}.")
         self.name, self._units = _choose(table, reading)
         found = [name for name in table.columns
                  if name not in self.name.values() and EPISODE.fullmatch(_normal(name))]  # fmt: skip
@@ -419,3 +417,30 @@ def one_track(table: Table, reading: Reading) -> Table:
 
 def _some(names: Sequence[str], most: int = 8) -> str:
     return ", ".join(map(str, names[:most])) + (", …" if len(names) > most else "")
+
+
+def with_poses(table: Table, reading: Reading) -> Table:
+    """The rows of a table that tell a pose, where others are blank for they belong to something else.
+
+    So are the rows of PlotJuggler, and those of a moment in which nothing was tracked. What they say of goal and human
+    is carried over to the rows beside them.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> cells = {"t": ["0", "1", "2"], "x": ["0", "", "1"], "y": ["0", "", "0"], "human_x": ["", "3", ""]}
+        >>> table = Table(Path("f"), {name: pd.Series(cell) for name, cell in cells.items()}, np.arange(3))
+        >>> kept = with_poses(table, Reading())
+        >>> kept.columns["human_x"].tolist(), kept.row.tolist(), kept.notes
+        (['3', '3'], [0, 2], ('1 rows without a pose left out',))
+    """
+    chosen, _ = _choose(table, reading)
+    pose = [chosen[name] for name in ("x", "y", "heading", *(f"q{part}" for part in "xyzw")) if name in chosen]
+    filled = {name: cells.mask(cells.astype(str).str.strip().str.lower().isin(BLANK)) for name, cells in
+              table.columns.items() if name in pose or re.match("goal|human", _parse(name)[0] or "")}  # fmt: skip
+    blank = np.all([filled[name].isna() for name in pose], axis=0) if pose else np.zeros(len(table.row), bool)
+    if not blank.any() or blank.all():
+        return table
+    carried = {name: cells.ffill().bfill() for name, cells in filled.items() if name not in pose}
+    columns = {name: cells[~blank].reset_index(drop=True) for name, cells in {**table.columns, **carried}.items()}
+    notes = (*table.notes, f"{blank.sum()} rows without a pose left out")
+    return Table(table.path, columns, table.row[~blank], table.place, notes)

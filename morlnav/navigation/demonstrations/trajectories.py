@@ -174,7 +174,7 @@ def _told(file: Trajectories, drives: Sequence[_Drive]) -> str:
         f"{sum(drive.seconds for drive in drives):.1f} s{rate}, {speed.mean():.2f} m/s on average and "
         f"{speed.max():.2f} at most",
         f"followed within {apart.max():.2f} m ({apart.mean():.3f} on average)" * (file.kind == "pose"),
-        f"{left} rows after the goal left out" * bool(left),
+        f"{left} row{'s' * (left > 1)} after the goal left out" * bool(left),
         f"poses jitter by {1000 * jitter:.0f} mm and are smoothed" * (jitter > 0),
         *file.notes,
         f"read {', '.join(file.used)}",

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from morlnav.navigation.demonstrations.columns import Columns, Reading, one_track
+from morlnav.navigation.demonstrations.columns import TOPICS, Columns, Reading, one_track, with_poses
 from morlnav.navigation.demonstrations.table import Table, read_table
 
 COLUMNS = {"pose": ("x", "y", "heading"), "action": ("v", "omega")}
@@ -30,6 +30,8 @@ FAR = 200.0
 """Metres within which a scene lies; a scene further from the origin is counted from where its drive begins."""
 LONG_STEP = 2.0
 """Seconds between samples that no recording has."""
+FURTHEST = 500.0
+"""Metres from one end of a drive to the other that no demonstration has."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,9 @@ def read_trajectories(path: str | Path, reading: Reading | None = None, max_spee
         table, reading = read_bag(path, reading)
     else:
         table = read_table(path, reading.separator, reading.decimal, reading.names)
-    table = one_track(table, reading)
+        if topics := [name for name in reading.columns if name in TOPICS]:
+            raise ValueError(f"{path} is no bag, in which {topics[0]} would be a topic; {table}.")
+    table = with_poses(one_track(table, reading), reading)
     return _assemble(table, Columns(table, reading), reading, max_speed)
 
 
@@ -412,17 +416,27 @@ def _speeds(file: Trajectories) -> tuple[float, float]:
 def _check_units(file: Trajectories, columns: Columns, max_speed: float) -> None:
     """Times and lengths can be in seconds and metres; else say in what they may be."""
     step, speed = _speeds(file)
+    reach = max(np.ptp(file.samples[file.rows(number), :2], axis=0).max() for number in range(len(file.names)))
     slow, fast = 0.02, 1.5 * max_speed
-    if np.isnan(speed) or (step <= LONG_STEP and slow <= speed <= fast):
+    if np.isnan(speed) or (step <= LONG_STEP and slow <= speed <= fast and reach <= FURTHEST):
         return
-    times, lengths = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}, {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+    times, lengths = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}, {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
     possible = {}
     for time, length in product(times, lengths):
         guess = speed * lengths[length] / times[time]
-        if 5e-4 <= step * times[time] <= LONG_STEP and slow <= guess <= fast:
-            possible[time, length] = abs(np.log(guess / (0.7 * max_speed))) + (time != "s") + (length != "m")
+        can_be = 5e-4 <= step * times[time] <= LONG_STEP and reach * lengths[length] <= FURTHEST
+        if can_be and slow <= guess <= fast and (time != "min" or speed > 10):
+            rare = (time != "s") + (length != "m") + 2 * (step * times[time] < 4e-3)
+            possible[time, length] = abs(np.log(guess / (0.7 * max_speed))) + rare
     found = f"rows lie {step:.3g} s apart and the robot drives {speed:.2g} m/s"
-    words = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "cm": "centimetres", "mm": "millimetres"}
+    words = {
+        "ms": "milliseconds",
+        "us": "microseconds",
+        "ns": "nanoseconds",
+        "min": "minutes",
+        "cm": "centimetres",
+        "mm": "millimetres",
+    }
     if possible:
         time, length = min(possible, key=possible.get)
         asks = [f"is {columns.name.get('time', 'time')} in {words[time]}?"] if time != "s" else []

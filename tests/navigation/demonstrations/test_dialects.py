@@ -595,3 +595,37 @@ def test_a_faster_robot_is_asked_for(tmp_path):
         "drives 1.3 m/s, and the robot can 0.5 m/s",
         "world.robot.max_speed",
     )
+
+
+def test_rows_of_other_things_are_left_out(tmp_path):
+    """PlotJuggler: curves of several topics, each with cells of its own."""
+    half, odom = TRUTH["heading"] / 2, "/odom/pose/pose"
+    curves = {"__time": 1.73e9 + TRUTH["time"], f"{odom}/position/x": TRUTH["x"], f"{odom}/position/y": TRUTH["y"],
+              f"{odom}/orientation/x": 0.0, f"{odom}/orientation/y": 0.0, f"{odom}/orientation/z": np.sin(half),
+              f"{odom}/orientation/w": np.cos(half), "/odom/header/stamp": 1.73e9 + TRUTH["time"]}  # fmt: skip
+    frame = pd.DataFrame(curves)
+    others = pd.DataFrame({"__time": frame["__time"] + 0.03, "/person/point/x": 3.0, "/person/point/y": 0.0})
+    file = read(write(pd.concat([frame, others]).sort_values("__time"), tmp_path), Reading(goal=(6, 0)))
+    assert_true(file)
+    assert "144 rows without a pose left out" in file.notes
+    assert file.ignored == ["/odom/header/stamp"]
+
+
+def test_motion_capture_in_millimetres(tmp_path):
+    """THÖR: a column per body and axis at 100 Hz, blank where a body is hidden."""
+    fine = bump(100)
+    frame = pd.DataFrame({"Frame": range(len(fine)), "Time": fine["time"], "Robot X": 1000 * fine["x"],
+                          "Robot Y": 1000 * fine["y"], "Robot Z": 300.0, "Helmet_1 X": 3000.0, "Helmet_1 Y": 5.0,
+                          "Helmet_2 X": 9000.0, "Helmet_2 Y": 0.0})  # fmt: skip
+    frame.loc[300:320, [name for name in frame if name[-1] in "XYZ"]] = None
+    file = write(frame, tmp_path, "thor.tsv", sep="\t")
+    columns = {"x": "Robot X", "y": "Robot Y", "human_x": "Helmet_1 X", "human_y": "Helmet_1 Y"}
+    found = read(file, Reading(columns=columns, units={"length": "mm"}, goal=(6, 0)))
+    assert_true(found, 0.06)
+    assert found.ignored == ["Frame", "Robot Z", "Helmet_2 X", "Helmet_2 Y"]
+
+
+def test_a_kilohertz_in_milliseconds_and_millimetres_is_no_slow_drive_over_kilometres(tmp_path):
+    fine, lengths = bump(1000), [name for name in TRUTH if name not in ("time", "heading")]
+    frame = fine.assign(time=1000 * fine["time"], **1000 * fine[lengths])
+    refused(write(frame, tmp_path), "is time in milliseconds?", "--units time=ms length=mm")

@@ -1,11 +1,14 @@
 """Demonstrations: recorded from a policy, driven by hand, or imported."""
 
+from morlnav.navigation.demonstrations.columns import Reading
 from morlnav.navigation.demonstrations.folder import (
     demonstration_settings,
     demonstrations_digest,
+    join_demonstrations,
     load_demonstrations,
     save_demonstrations,
 )
+from morlnav.navigation.demonstrations.minari import from_minari, to_minari
 from morlnav.navigation.demonstrations.record import Disturbance, record_demonstrations, rewarded_transitions
 from morlnav.navigation.demonstrations.replay import recorded_demonstrations, replay_demonstrations
 from morlnav.navigation.demonstrations.seed_replay import SeedReplay
@@ -15,6 +18,7 @@ from morlnav.navigation.demonstrations.trajectory_file import Trajectories, read
 
 __all__ = [
     "Disturbance",
+    "Reading",
     "RecordedFolder",
     "RecordedPolicy",
     "SeedReplay",
@@ -22,7 +26,9 @@ __all__ = [
     "demonstration_settings",
     "demonstrations_digest",
     "export_demonstrations",
+    "from_minari",
     "import_demonstrations",
+    "join_demonstrations",
     "load_demonstrations",
     "read_trajectories",
     "record_demonstrations",
@@ -30,4 +36,5 @@ __all__ = [
     "replay_demonstrations",
     "rewarded_transitions",
     "save_demonstrations",
+    "to_minari",
 ]

@@ -11,7 +11,13 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from morlnav.navigation.demonstrations.folder import load_demonstrations, save_demonstrations
+from morlnav.navigation.demonstrations.folder import (
+    check_world,
+    demonstration_settings,
+    join_demonstrations,
+    load_demonstrations,
+    save_demonstrations,
+)
 from morlnav.navigation.demonstrations.record import as_episodes
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.world import Scene, World
@@ -159,37 +165,38 @@ class Recorder:
         self.window.draw(world.scene[0].cpu(), pose, scan, path, lines)
 
 
-def add_demonstrations(data: TensorDict, path: Path, source: str) -> int:
+def add_demonstrations(data: TensorDict, path: Path, source: str, world: World | None = None) -> int:
     """Add episodes to a folder of demonstrations, or begin one; at no time the folder is without those it had.
 
     Args:
         data: transitions ``[N]``, episodes numbered in ascending order.
         path: of the folder.
         source: where they come from, for the folder's settings.
+        world: that they were driven in, for the folder's settings; that of those in the folder must be the same.
 
     Returns:
         The number of episodes in the folder.
 
     Raises:
-        ValueError: if the folder's demonstrations have other shapes, such as another number of boxes.
+        ValueError: if the folder's demonstrations are of another world, or seen by another lidar.
     """
-    _, number = data["episode"].unique(return_inverse=True)
-    data = data.clone().set("episode", number)
     unfinished, replaced = (path.with_name(path.name + end) for end in (".part", ".old"))
     if replaced.exists() and not path.exists():  # interrupted between the last two steps below
         replaced.rename(path)
+    parts, settings = [data], {"source": source}
     if path.exists() and any(path.iterdir()):
-        old = load_demonstrations(path)
-        data["episode"] += int(old["episode"].max()) + 1
-        try:
-            data = torch.cat([old, data])
-        except RuntimeError as error:
-            raise ValueError(
-                f"The demonstrations in {path} are of other shapes; record into another folder."
-            ) from error
+        if world is not None:
+            check_world(path, world)
+        parts, before = [load_demonstrations(path), data], demonstration_settings(path)
+        sources = [*before.get("source", "").split(", "), source]
+        settings = before | {"source": ", ".join(dict.fromkeys(name for name in sources if name))}
+    try:
+        data = join_demonstrations(parts)
+    except ValueError as error:
+        raise ValueError(f"The demonstrations in {path} are others: {error}; record into another folder.") from error
     for leftover in (unfinished, replaced):
         shutil.rmtree(leftover, ignore_errors=True)
-    save_demonstrations(data, unfinished, {"source": source})
+    save_demonstrations(data, unfinished, settings, world)
     if path.exists():
         path.rename(replaced)
     unfinished.rename(path)

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import torch
 from tensordict import TensorDict
 from torch.nn.utils.rnn import pad_sequence
 
-from morlnav.navigation.demonstrations.folder import demonstrations_digest, load_demonstrations
+from morlnav.navigation.demonstrations.folder import (
+    ABSENT,
+    check_drives,
+    check_world,
+    demonstrations_digest,
+    join_demonstrations,
+    load_demonstrations,
+)
 from morlnav.navigation.demonstrations.record import OpenLoop, hide_human, keep_successes, roll_out
-from morlnav.navigation.demonstrations.trajectories import ABSENT
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.world import Scene, TensorWorld, World
 from morlnav.navigation.world.geometry import distance_to_box, to_frame
 
 
 def recorded_demonstrations(
-    path: str | Path,
+    path: str | Path | Sequence[str | Path],
     sampler: Callable[..., Scene] | None = None,
     num: int | None = None,
     *,
@@ -31,10 +37,11 @@ def recorded_demonstrations(
     """Demonstrations from a folder, in the place of :func:`record_demonstrations` in a pipeline.
 
     Args:
-        path: of a folder that :func:`save_demonstrations` wrote, as ``morlnav-record`` does.
+        path: of a folder that :func:`save_demonstrations` wrote, as ``morlnav-record`` does, or of several, whose
+            scenes may hold different numbers of boxes.
         sampler: of scenes whose boxes the demonstrations are replayed among; not needed without ``num``.
         num: demonstrations to make by :func:`replay_demonstrations`; ``None`` takes them as they are.
-        world: that they are replayed in.
+        world: that they are trained or replayed in, which must be that of the recording.
         digest: what :func:`demonstrations_digest` said of the folder; ``None`` takes any content.
         observe_human: whether the observations keep the human's position (``-NH`` ablation).
         seed: of the replays.
@@ -45,20 +52,25 @@ def recorded_demonstrations(
 
     Raises:
         FileNotFoundError: if the folder holds no demonstrations.
-        ValueError: if they are damaged, others than those of ``digest``, seen by another lidar, or can hardly be
-            replayed.
+        ValueError: if they are damaged, others than those of ``digest``, of another world, or can hardly be replayed.
     """
     world = world or TensorWorld()
     if digest is not None and digest != demonstrations_digest(path):
         raise ValueError(f"The demonstrations in {path} have changed since this run was configured.")
-    data = load_demonstrations(path)
-    width, wanted = data["observation"].shape[-1], 4 + world.lidar.sectors
-    if width != wanted:
-        raise ValueError(f"The demonstrations in {path} hold observations of {width} numbers, the world has {wanted}.")
+    parts = [_of_this_world(one, world) for one in ([path] if isinstance(path, str | Path) else path)]
+    data = join_demonstrations(parts) if len(parts) > 1 else parts[0]
     tries = int(data["episode"].unique().numel())
     if num is not None:
         data, tries = replay_demonstrations(data, sampler, num, world=world, seed=seed, num_envs=num_envs)
     return (data if observe_human else hide_human(data)), tries
+
+
+def _of_this_world(path: str | Path, world: World) -> TensorDict:
+    """A folder's demonstrations ``[N]``, which the world's robot can have driven."""
+    check_world(path, world)
+    data = load_demonstrations(path)
+    check_drives(data, f"the demonstrations in {path}", world)
+    return data
 
 
 @torch.no_grad()

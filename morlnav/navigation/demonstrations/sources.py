@@ -12,7 +12,12 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from morlnav.navigation.audit import Thresholds
-from morlnav.navigation.demonstrations.folder import demonstrations_digest, load_demonstrations, save_demonstrations
+from morlnav.navigation.demonstrations.folder import (
+    check_world,
+    demonstrations_digest,
+    load_demonstrations,
+    save_demonstrations,
+)
 from morlnav.navigation.demonstrations.record import Disturbance, record_demonstrations
 from morlnav.navigation.demonstrations.replay import recorded_demonstrations
 from morlnav.navigation.evaluation import evaluate_policy, frechet_distance
@@ -51,7 +56,7 @@ class NavigationDemonstrations(Demonstrations):
 
     def save(self, data: TensorDict, path: Path) -> None:
         """See :meth:`Demonstrations.save`."""
-        save_demonstrations(data, path, {"tries": self.tries})
+        save_demonstrations(data, path, {"tries": self.tries}, self.world)
 
     def load(self, path: Path) -> TensorDict:
         """See :meth:`Demonstrations.load`."""
@@ -105,17 +110,20 @@ class RecordedFolder(NavigationDemonstrations):
     recorded.
 
     Args:
-        path: of the folder.
+        path: of the folder, or a list of several.
         replay: replay them among random boxes until as many are free of collisions as the pipeline wants; otherwise
             they are taken as they are.
         settings: arguments of :class:`NavigationDemonstrations`.
 
     Raises:
-        FileNotFoundError: if the folder holds no demonstrations.
+        FileNotFoundError: if a folder holds no demonstrations.
+        ValueError: if they were recorded in another world.
     """
 
-    def __init__(self, path: str, replay: bool = False, **settings: Any) -> None:
+    def __init__(self, path: str | list[str], replay: bool = False, **settings: Any) -> None:
         super().__init__(**settings)
+        for folder in [path] if isinstance(path, str) else path:
+            check_world(folder, self.world)
         self.path, self.replay, self.key = path, replay, demonstrations_digest(path)
 
     def collect(self, num: int) -> TensorDict:

@@ -31,7 +31,7 @@ class SocialNavigation(gymnasium.Env[np.ndarray, np.ndarray]):
     """:class:`NavigationEnv` with Gymnasium's interface: ``float32`` arrays, and one reward entry per objective.
 
     ``reward_space`` and ``reward_dim`` are what MO-Gymnasium and morl-baselines look for. ``info`` holds the pose
-    ``[3]`` (m, m, rad) and how an episode ended: ``goal``, ``human`` and ``box``, each ``bool``.
+    ``[3]`` (m, m, rad), the scene, and how an episode ended: ``goal``, ``human`` and ``box``, each ``bool``.
 
     Args:
         render_mode: ``"rgb_array"``, or ``"human"`` for a window; both are drawn with matplotlib.
@@ -283,4 +283,5 @@ def _info(state: TensorDict, index: int | None = None) -> dict[str, Any]:
     ends = {name: state["outcome", name].squeeze(-1) for name in ("goal", "human", "box")}
     if index is None:
         return {"pose": state["pose"].numpy(), **{name: flag.numpy() for name, flag in ends.items()}}
-    return {"pose": state["pose"][index].numpy(), **{name: bool(flag[index]) for name, flag in ends.items()}}
+    scene = {name: value[index].numpy() for name, value in state["scene"].items()}
+    return {"pose": state["pose"][index].numpy(), "scene": scene, **{name: bool(f[index]) for name, f in ends.items()}}

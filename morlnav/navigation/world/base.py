@@ -75,6 +75,20 @@ class World(ABC):
         self.scene: Scene | None = None
         self.pose: Tensor | None = None
 
+    @property
+    def settings(self) -> dict[str, float | str]:
+        """What decides how a drive goes and what is seen on it, by the name of its key in a config.
+
+        >>> from morlnav.navigation.world import TensorWorld
+        >>> TensorWorld().settings["robot.max_speed"]
+        0.5
+        """
+        parts = {"robot": self.robot, "lidar": self.lidar}
+        inner = {f"{part}.{name}": value for part, owner in parts.items() for name, value in vars(owner).items()}
+        own = {name: getattr(self, name) for name in ("step_time", "human_radius", "goal_radius")}
+        kinds = {part: type(owner).__name__ for part, owner in parts.items()}
+        return own | kinds | {name: value for name, value in inner.items() if isinstance(value, int | float | str)}
+
     def to(self, device: torch.device | str) -> World:
         """Move to a device; the next reset has to be a full one."""
         self.device = torch.device(device)

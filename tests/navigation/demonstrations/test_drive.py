@@ -12,15 +12,18 @@ pygame = pytest.importorskip("pygame")
 
 from morlnav.commands import record
 from morlnav.navigation.demonstrations import (
+    RecordedFolder,
     demonstration_settings,
     export_demonstrations,
     load_demonstrations,
     record_demonstrations,
+    recorded_demonstrations,
+    save_demonstrations,
 )
 from morlnav.navigation.demonstrations.drive import Controls, Recorder, add_demonstrations
 from morlnav.navigation.demonstrations.window import SceneWindow
 from morlnav.navigation.modules import CircumnavigationOracle
-from morlnav.navigation.world import Scene, SceneSampler, TensorWorld
+from morlnav.navigation.world import DifferentialDrive, Lidar, Scene, SceneSampler, TensorWorld
 
 KEYS = {"up": pygame.K_UP, "left": pygame.K_LEFT, "right": pygame.K_RIGHT, "shift": pygame.K_LSHIFT}
 KEYS |= {"escape": pygame.K_ESCAPE, "n": pygame.K_n, "r": pygame.K_r}
@@ -165,7 +168,8 @@ def test_however_it_ends_what_arrived_is_saved(end, tmp_path, monkeypatch, capsy
     data = load_demonstrations(tmp_path / "mine")
     assert data["episode"].unique().tolist() == [0, 1]
     assert len(data) == 34
-    assert demonstration_settings(tmp_path / "mine") == {"source": "driven by hand"}
+    settings = demonstration_settings(tmp_path / "mine")
+    assert settings == {"source": "driven by hand", "world": TensorWorld().settings}
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
@@ -182,10 +186,12 @@ def test_recordings_grow_from_drive_to_drive(tmp_path):
     assert add_demonstrations(data, tmp_path / "mine", "first") == 2
     assert add_demonstrations(data[data["episode"] == 1], tmp_path / "mine", "second") == 3
     assert load_demonstrations(tmp_path / "mine")["episode"].unique().tolist() == [0, 1, 2]
-    other, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(num_boxes=1), 1, num_envs=4)
-    with pytest.raises(ValueError, match="of other shapes; record into another folder"):
+    other = data.clone()
+    other["observation"] = other["observation"][:, :24]
+    with pytest.raises(ValueError, match="their observations hold 24 and 34 numbers; record into another folder"):
         add_demonstrations(other, tmp_path / "mine", "third")
     assert load_demonstrations(tmp_path / "mine")["episode"].max() == 2
+    assert demonstration_settings(tmp_path / "mine") == {"source": "first, second"}
     (tmp_path / "mine").rename(tmp_path / "mine.old")  # as a kill in between would leave it
     assert add_demonstrations(data[data["episode"] == 1], tmp_path / "mine", "fourth") == 4
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
@@ -200,7 +206,7 @@ def test_a_file_is_imported_by_one_command(tmp_path, monkeypatch, capsys):
     assert "mine holds 2 demonstrations" in capsys.readouterr().out
     assert len(load_demonstrations(tmp_path / "mine")) == len(data)
     (tmp_path / "drives.csv").write_text("x,y\n1,2\n")
-    with pytest.raises(SystemExit, match=r"drives\.csv: expected columns x, y, heading or v, omega, got neither"):
+    with pytest.raises(SystemExit, match=r"drives\.csv: expected a column goal_x; the columns are x, y;"):
         record.main()
 
 
@@ -208,3 +214,52 @@ def test_other_events_are_let_pass(window):
     controls = Controls()
     assert controls.hear(pygame.event.Event(pygame.WINDOWEXPOSED)) is None
     assert not controls.action(window.world, window).any()
+
+
+def test_a_recording_belongs_to_its_world(tmp_path):
+    fast = TensorWorld(robot=DifferentialDrive(max_speed=1.5))
+    oracle = CircumnavigationOracle(speed=1.0)
+    data, _ = record_demonstrations(oracle, SceneSampler(num_boxes=0), 1, num_envs=4, world=fast)
+    assert add_demonstrations(data, tmp_path / "mine", "a.csv", fast) == 1
+    words = (
+        r"mine were recorded with robot.max_speed=1.5 \(here 0.5\); set env.world.robot.max_speed=1.5, or record anew"
+    )
+    with pytest.raises(ValueError, match=words):
+        add_demonstrations(data, tmp_path / "mine", "b.csv", TensorWorld())
+    with pytest.raises(ValueError, match=words):
+        recorded_demonstrations(tmp_path / "mine", world=TensorWorld())
+    with pytest.raises(ValueError, match=words):
+        RecordedFolder(str(tmp_path / "mine"), world=TensorWorld(), scenes=SceneSampler())
+    assert recorded_demonstrations(tmp_path / "mine", world=fast)[1] == 1
+    seen_otherwise = TensorWorld(robot=fast.robot, step_time=0.1, lidar=Lidar(max_range=8.0), human_radius=0.4)
+    with pytest.raises(ValueError, match=r"step_time=0.2 \(here 0.1\) and human_radius=.* and lidar.max_range=4"):
+        recorded_demonstrations(tmp_path / "mine", world=seen_otherwise)
+
+
+def test_a_folder_that_tells_no_world_is_held_against_this_one(tmp_path):
+    fast = TensorWorld(robot=DifferentialDrive(max_speed=1.5))
+    for name, world, words in [
+        ("fast", fast, r"fast drive up to 1.00 m/s, the world's robot 0.5"),
+        ("slow", TensorWorld(step_time=0.1), r"do not get from pose to pose by their actions in steps of 0.2 s"),
+    ]:
+        oracle = CircumnavigationOracle(speed=1.0 if name == "fast" else 0.5)
+        data, _ = record_demonstrations(oracle, SceneSampler(num_boxes=0), 1, num_envs=4, world=world)
+        save_demonstrations(data, tmp_path / name)
+        with pytest.raises(ValueError, match=words):
+            recorded_demonstrations(tmp_path / name)
+
+
+def test_folders_with_different_numbers_of_boxes_train_together(tmp_path):
+    for boxes in (1, 3):
+        data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(num_boxes=boxes), 2, num_envs=4)
+        add_demonstrations(data, tmp_path / f"boxes{boxes}", "me", TensorWorld())
+        add_demonstrations(data, tmp_path / "both", f"boxes{boxes}", TensorWorld())
+    folders = [str(tmp_path / f"boxes{boxes}") for boxes in (1, 3)]
+    source = RecordedFolder(folders, world=TensorWorld(), scenes=SceneSampler())
+    together = source.collect(10)
+    assert together["episode"].unique().tolist() == [0, 1, 2, 3]
+    assert together["scene", "boxes"].shape[1:] == (3, 5)
+    assert (together == load_demonstrations(tmp_path / "both")).all()
+    source.save(together, tmp_path / "cached")
+    assert (source.load(tmp_path / "cached") == together).all()
+    assert source.key != RecordedFolder(folders[0], world=TensorWorld(), scenes=SceneSampler()).key

@@ -120,7 +120,7 @@ class Observer:
             scan: of the scanner.
             pose: of the robot, x, y (m) and heading (rad) in any fixed frame.
             goal: x, y in the same frame.
-            humans: x, y of each in the same frame, ``[K, 2]``; empty for nobody. ``None`` for a policy that is not told.
+            humans: x, y of each in the same frame, ``[K, 2]``, empty for nobody; ``None`` where the policy is not told.
 
         Raises:
             ValueError: for numbers that are not finite, of another shape, or make no sense; for humans where the policy
@@ -184,14 +184,14 @@ class Observer:
         return least
 
     def _rays(self, scan: LaserScan) -> tuple[Tensor, Tensor]:
-        """Angle (rad, in the scanner's frame) and reading (m; infinite without an echo) of the rays that tell, ``[N]``."""
+        """Angle from the scanner (rad) and reading (m, infinite without an echo) of the rays that tell, ``[N]``."""
         ranges = _numbers("scan.ranges", scan.ranges)
         if ranges.ndim != 1 or not len(ranges):
             raise ValueError(f"scan.ranges must be one row of distances, got the shape {list(ranges.shape)}.")
         first, step = _finite("scan.angle_min and angle_increment", [scan.angle_min, scan.angle_increment], 2)
         if step == 0 or abs(step) * (len(ranges) - 1) > 2.02 * math.pi:
             raise ValueError(
-                f"scan.angle_increment must turn {len(ranges)} rays by at most 2π in all, got {step:g}; is it in degrees?"
+                f"scan.angle_increment must turn {len(ranges)} rays by 2π at most, got {step:g}; is it in degrees?"
             )
         if not 0 <= scan.range_min < scan.range_max:
             raise ValueError(

@@ -12,10 +12,31 @@ from morlnav.cli import one_sentence_errors, quiet, set_threads
 from morlnav.data import preference_edges
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
+from morlnav.navigation.world import Scene
 from morlnav.runs import Run
 
 CHANGES = ("episodes", "steps", "seed", "reference")
 """Values of a run's evaluation that the command line may change."""
+
+
+def use_recorded_scenes(run: Run, folder: Path) -> None:
+    """Let a run be evaluated where somebody was recorded: with their start, goal, human and boxes.
+
+    Args:
+        run: a finished run of a navigating policy.
+        folder: of demonstrations, as ``morlnav-record`` writes it.
+
+    Raises:
+        FileNotFoundError: if the folder holds no demonstrations.
+        ValueError: if they are damaged, or the run's robot could not drive there.
+    """
+    from morlnav.navigation.demonstrations import load_demonstrations  # brings the audit along
+
+    data = load_demonstrations(folder)
+    try:
+        _navigation(run).use(Scene.from_tensordict(data["scene"][data["step"] == 0]))
+    except ValueError as error:
+        raise ValueError(f"{folder}: {error}") from error
 
 
 def evaluate_run(run: Run, output: Path | None = None) -> Path:
@@ -95,7 +116,7 @@ def animate_run(run: Run, file: Path, scene: int = 0, steps: int = 2) -> None:
 
 def _navigation(run: Run) -> NavigationEvaluation:
     if not isinstance(run.evaluation, NavigationEvaluation):
-        raise ValueError(f"{run.directory} holds no navigating policy, which rooms and animations are for.")
+        raise ValueError(f"{run.directory} holds no navigating policy, which rooms, scenes and animations are for.")
     return run.evaluation
 
 
@@ -124,7 +145,12 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="steps of every pairwise interpolation of preferences")
     parser.add_argument("--seed", type=int, help="seed of the episodes")
     parser.add_argument("--reference", type=float, nargs="+", help="reference point of the hypervolume, by reward")
-    parser.add_argument("--output", type=Path, help="where results go (default: RUN_DIR/evaluation)")
+    parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="drive in the scenes of these demonstrations")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        help="where results go (default: RUN_DIR/evaluation, or with --scenes RUN_DIR/evaluation/FOLDER)",
+    )
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     parser.add_argument("--contexts", type=Path, metavar="FILE", help="YAML file of preferences by room")
@@ -140,9 +166,14 @@ def main() -> None:
     args = parser.parse_args()
     if (args.contexts is None) != (args.route is None):
         parser.error("--contexts and --route go together")
+    if args.scenes is not None and (args.episodes, args.seed) != (None, None):
+        parser.error("--scenes are as many as were recorded; leave out --episodes and --seed")
     with one_sentence_errors(own_classes=True):
         set_threads(args.threads)
         run = Run(args.run, args.trust, {name: getattr(args, name) for name in CHANGES})
+        if args.scenes is not None:
+            use_recorded_scenes(run, args.scenes)
+            args.output = args.output or args.run / "evaluation" / args.scenes.resolve().name
         if args.animate is not None:
             animate_run(run, args.animate, args.scene)
             print(f"The animation is in {args.animate}")

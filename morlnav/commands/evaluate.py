@@ -34,7 +34,7 @@ def use_recorded_scenes(run: Run, folder: Path) -> None:
 
     data = load_demonstrations(folder)
     try:
-        _navigation(run).use(Scene.from_tensordict(data["scene"][data["step"] == 0]))
+        navigation_of(run).use(Scene.from_tensordict(data["scene"][data["step"] == 0]))
     except ValueError as error:
         raise ValueError(f"{folder}: {error}") from error
 
@@ -69,7 +69,7 @@ def evaluate_route(
     Returns:
         The file: one row per room, one for the route.
     """
-    evaluation = _navigation(run)
+    evaluation = navigation_of(run)
     world = evaluation.env.world
     rooms = load_contexts(contexts, run.policy.objectives)
     robot = ContextPolicy(run.policy, rooms, time_constant=time_constant, step_time=world.step_time)
@@ -103,7 +103,7 @@ def animate_run(run: Run, file: Path, scene: int = 0, steps: int = 2) -> None:
         raise ValueError(f"The animation is a GIF; give it a name such as {file.with_suffix('.gif')}, not {file}.")
     from morlnav.navigation.record.animation import animate_rollouts  # loads matplotlib
 
-    evaluation = _navigation(run)
+    evaluation = navigation_of(run)
     if not 0 <= scene < evaluation.episodes:
         raise ValueError(f"The scene must be an index below evaluation.episodes={evaluation.episodes}, got {scene}.")
     preferences = preference_edges(evaluation.num_objectives, steps)
@@ -114,7 +114,12 @@ def animate_run(run: Run, file: Path, scene: int = 0, steps: int = 2) -> None:
     animate_rollouts(rollouts, evaluation.objectives, stride=2, **radii).save(file, writer="pillow", dpi=110, fps=10)
 
 
-def _navigation(run: Run) -> NavigationEvaluation:
+def navigation_of(run: Run) -> NavigationEvaluation:
+    """The evaluation of a navigating policy.
+
+    Raises:
+        ValueError: for a policy of another kind.
+    """
     if not isinstance(run.evaluation, NavigationEvaluation):
         raise ValueError(f"{run.directory} holds no navigating policy, which rooms, scenes and animations are for.")
     return run.evaluation
@@ -179,7 +184,7 @@ def main() -> None:
             print(f"The animation is in {args.animate}")
         elif args.contexts is not None:
             rooms = evaluate_route(run, args.contexts, dict(args.route), args.output)
-            _navigation(run).show_rooms(rooms)
+            navigation_of(run).show_rooms(rooms)
             print(f"The table is in {rooms}")
         else:
             output = evaluate_run(run, args.output)

@@ -102,35 +102,32 @@ def test_the_page_saves_what_was_answered(folder, tmp_path):
     assert [[row.first.episode, row.second.episode] for row in answers] == content(folder)["pairs"][:3]
 
 
-def learn(folder, *words):
-    training = make_training(
-        configure(
-            DEMONSTRATED,
-            "ranking=compared",
-            f"rewards.ranking.comparisons.path={folder}",
-            "cache=null",
-            "rewards.num=2",
-            "rewards.audit=null",
-            "rewards.ranking.members=[[observation]]",
-            "rewards.ranking.reduce=mean",
-            *words,
-        )
-    )
-    return training.learn_rewards()["demo"].transform
+@pytest.fixture(scope="module")
+def learn(tmp_path_factory):
+    """What the objective ``demo`` pays after learning from a folder; demonstrations and clone are made once."""
+    cache = tmp_path_factory.mktemp("cache")
+
+    def learned(folder, *words):
+        words = [f"comparisons.path={folder}", "members=[[observation]]", "reduce=mean", *words]
+        small = ["rewards.num=2", "rewards.audit=null", f"cache={cache}", "ranking=compared"]
+        cfg = configure(DEMONSTRATED, *small, *(f"rewards.ranking.{word}" for word in words))
+        return make_training(cfg).learn_rewards()["demo"].transform
+
+    return learned
 
 
 @pytest.mark.parametrize("far", [True, False])
-def test_a_reward_learns_what_they_said(answered, far):
-    folder, words = answered(far), ["comparisons.share=1.0", "fit={steps:200,lr:0.01,interval:50}"]
-    reward = learn(folder, *(f"rewards.ranking.{word}" for word in words))
+def test_a_reward_learns_what_they_said(answered, learn, far):
+    folder = answered(far)
+    reward = learn(folder, "comparisons.share=1.0", "fit={steps:100,lr:0.01,interval:50}")
     data = load_demonstrations(folder)
     paid = reward.reward(data["observation"], data["action"])
     means = [paid[data["episode"] % SCENES + SCENES * style == data["episode"]].mean() for style in (0, 2)]
     assert (means[0] > means[1]) == far
 
 
-def test_noise_and_people_teach_one_reward(answered):
-    reward = learn(answered(), "rewards.ranking.comparisons.batch_size=2", "rewards.ranking.snippet=3")
+def test_noise_and_people_teach_one_reward(answered, learn):
+    reward = learn(answered(), "comparisons.batch_size=2", "snippet=3")
     assert reward.reward(torch.rand(5, 34), torch.rand(5, 2)).isfinite().all()
 
 

@@ -47,7 +47,10 @@ FIRST = (
 ROOMS = (
     ("Learning", ("objectives", "modules", "transforms", "data", "trainers", "evaluation")),
     ("Runs and robots", ("deployment", "runs", "analysis", "record", "config")),
-    ("Social navigation", ("envs", "world", "modules", "demonstrations", "audit", "evaluation", "record")),
+    (
+        "Social navigation",
+        ("envs", "world", "modules", "demonstrations", "audit", "evaluation", "record", "deployment"),
+    ),
 )
 """Pages of the API in their order, the last group in ``morlnav.navigation``."""
 BESIDE = {"deployment": ("context", "export")}

@@ -84,6 +84,7 @@ LEFT_OUT = {  # arguments that have a default and no place in a file
     "weights": "the loss attaches its scalarisation",
     "preference_scale": "a clone sees no preference",
     "max_tries": "of the scene sampler",
+    "comparisons": "ranking=compared brings them",
 }
 ANOTHER_VALUE = {  # where a class serves twice, or Python wants something else than the command line
     "env/mo_gymnasium:.num_envs": "a training drives several, a user of the class one",

@@ -12,10 +12,31 @@ from morlnav.cli import folder, one_sentence_errors, quiet, set_threads
 from morlnav.data import preference_edges
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
+from morlnav.navigation.world import Scene
 from morlnav.runs import Run
 
 CHANGES = ("episodes", "steps", "seed", "reference")
 """Values of a run's evaluation that the command line may change."""
+
+
+def use_recorded_scenes(run: Run, folder: Path) -> None:
+    """Let a run be evaluated where somebody was recorded: with their start, goal, human and boxes.
+
+    Args:
+        run: a finished run of a navigating policy.
+        folder: of demonstrations, as ``morlnav-record`` writes it.
+
+    Raises:
+        FileNotFoundError: if the folder holds no demonstrations.
+        ValueError: if they are damaged, or the run's robot could not drive there.
+    """
+    from morlnav.navigation.demonstrations import load_demonstrations  # brings the audit along
+
+    data = load_demonstrations(folder)
+    try:
+        navigation_of(run).use(Scene.from_tensordict(data["scene"][data["step"] == 0]))
+    except ValueError as error:
+        raise ValueError(f"{folder}: {error}") from error
 
 
 def evaluate_run(run: Run, output: Path | None = None) -> Path:
@@ -48,7 +69,7 @@ def evaluate_route(
     Returns:
         The file: one row per room, one for the route.
     """
-    evaluation = _navigation(run)
+    evaluation = navigation_of(run)
     world = evaluation.env.world
     rooms = load_contexts(contexts, run.policy.objectives)
     robot = ContextPolicy(run.policy, rooms, time_constant=time_constant, step_time=world.step_time)
@@ -82,7 +103,7 @@ def animate_run(run: Run, file: Path, scene: int = 0, steps: int = 2) -> None:
         raise ValueError(f"The animation is a GIF; give it a name such as {file.with_suffix('.gif')}, not {file}.")
     from morlnav.navigation.record.animation import animate_rollouts  # loads matplotlib
 
-    evaluation = _navigation(run)
+    evaluation = navigation_of(run)
     if not 0 <= scene < evaluation.episodes:
         raise ValueError(f"The scene must be an index below evaluation.episodes={evaluation.episodes}, got {scene}.")
     preferences = preference_edges(evaluation.num_objectives, steps)
@@ -93,9 +114,14 @@ def animate_run(run: Run, file: Path, scene: int = 0, steps: int = 2) -> None:
     animate_rollouts(rollouts, evaluation.objectives, stride=2, **radii).save(file, writer="pillow", dpi=110, fps=10)
 
 
-def _navigation(run: Run) -> NavigationEvaluation:
+def navigation_of(run: Run) -> NavigationEvaluation:
+    """The evaluation of a navigating policy.
+
+    Raises:
+        ValueError: for a policy of another kind.
+    """
     if not isinstance(run.evaluation, NavigationEvaluation):
-        raise ValueError(f"{run.directory} holds no navigating policy, which rooms and animations are for.")
+        raise ValueError(f"{run.directory} holds no navigating policy, which rooms, scenes and animations are for.")
     return run.evaluation
 
 
@@ -124,7 +150,12 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="steps of every pairwise interpolation of preferences")
     parser.add_argument("--seed", type=int, help="seed of the episodes")
     parser.add_argument("--reference", type=float, nargs="+", help="reference point of the hypervolume, by reward")
-    parser.add_argument("--output", type=folder, help="where results go (default: RUN_DIR/evaluation)")
+    parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="drive in the scenes of these demonstrations")
+    parser.add_argument(
+        "--output",
+        type=folder,
+        help="where results go (default: RUN_DIR/evaluation, or with --scenes RUN_DIR/evaluation/FOLDER)",
+    )
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     parser.add_argument("--contexts", type=Path, metavar="FILE", help="YAML file of preferences by room")
@@ -146,15 +177,20 @@ def main() -> None:
         parser.error("--animate shows fixed preferences; leave out --contexts and --route")
     if len(dict(args.route or ())) < len(args.route or ()):
         parser.error("--route enters two rooms at once; give each second one room")
+    if args.scenes is not None and (args.episodes, args.seed) != (None, None):
+        parser.error("--scenes are as many as were recorded; leave out --episodes and --seed")
     with one_sentence_errors(own_classes=True):
         set_threads(args.threads)
         run = Run(args.run, args.trust, {name: getattr(args, name) for name in CHANGES})
+        if args.scenes is not None:
+            use_recorded_scenes(run, args.scenes)
+            args.output = args.output or args.run / "evaluation" / args.scenes.resolve().name
         if args.animate is not None:
             animate_run(run, args.animate, args.scene or 0)
             print(f"The animation is in {args.animate}")
         elif args.contexts is not None:
             rooms = evaluate_route(run, args.contexts, dict(args.route), args.output)
-            _navigation(run).show_rooms(rooms)
+            navigation_of(run).show_rooms(rooms)
             print(f"The table is in {rooms}")
         else:
             output = evaluate_run(run, args.output)

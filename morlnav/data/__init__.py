@@ -1,5 +1,6 @@
-"""Data: preferences, replay and ranked roll-outs."""
+"""Data: preferences, replay, ranked and compared roll-outs."""
 
+from morlnav.data.comparisons import ComparedPairs, Comparison, Snippet, read_comparisons
 from morlnav.data.preferences import (
     CornerWeightedPreferences,
     DirichletPreferences,
@@ -14,6 +15,8 @@ from morlnav.data.replay import ReplayBuffer
 from morlnav.simplex import preference_edges, simplex_grid
 
 __all__ = [
+    "ComparedPairs",
+    "Comparison",
     "CornerWeightedPreferences",
     "DirichletPreferences",
     "FixedPreferences",
@@ -21,9 +24,11 @@ __all__ = [
     "PreferenceSampler",
     "ReplayBuffer",
     "SegmentedPreferences",
+    "Snippet",
     "SnippetPairs",
     "UniformPreferences",
     "preference_edges",
+    "read_comparisons",
     "roll_out_ranked",
     "simplex_grid",
 ]

@@ -19,7 +19,7 @@ FORMATS = ("onnx", "pt2")
 
 
 def export_program(policy: Policy) -> ExportedProgram:
-    """The policy as a ``torch.export`` program for batches of any size.
+    """The policy as a ``torch.export`` program for batches of any size, which answers senseless inputs with a stop.
 
     Args:
         policy: as :func:`morlnav.load` gives it.
@@ -35,15 +35,15 @@ def export_program(policy: Policy) -> ExportedProgram:
     """
     example = torch.zeros(2, policy.actor.features.in_features), torch.zeros(2, len(policy.objectives))
     batch = Dim("batch", min=1)
-    return torch.export.export(policy.actor, example, dynamic_shapes=({0: batch}, {0: batch}))
+    return torch.export.export(policy, example, dynamic_shapes=({0: batch}, {0: batch}))
 
 
 def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...] = FORMATS) -> dict[str, Path]:
     """Write the policy for use without this package.
 
-    Both files map ``observation`` ``[B, D]`` and ``preference`` ``[B, n]`` to ``action`` ``[B, 2]``. The names of the
-    preference's entries are the ONNX file's metadata ``objectives``, a JSON list, and the extra file ``objectives`` of
-    the ``torch.export`` archive.
+    Both files map ``observation`` ``[B, D]`` and ``preference`` ``[B, n]`` to ``action`` ``[B, 2]``, a stop where one
+    makes no sense. The names of the preference's entries are the ONNX file's metadata ``objectives``, a JSON list, and
+    the extra file ``objectives`` of the ``torch.export`` archive.
 
     Args:
         policy: as :func:`morlnav.load` gives it.

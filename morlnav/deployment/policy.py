@@ -19,8 +19,9 @@ class Policy(nn.Module):
     """A trained actor: ``policy(observation[..., D], preference[..., n]) -> action[..., A]``.
 
     For navigation these are raw observations ``[..., 34]`` and actions ``(v, ω)`` in m/s and rad/s. Inputs that make no
-    sense are refused. Compiled or exported it does not look at them; to :mod:`torch.export` and ONNX goes :attr:`actor`
-    alone.
+    sense are refused: an observation that is not finite, a preference off the simplex, and what would lead to an action
+    that is not finite. Compiled or exported, where nothing can be refused, the policy answers each of them with a stop:
+    zeros, for a robot ``v = 0`` and ``ω = 0``.
 
     Args:
         actor: the network.
@@ -42,24 +43,30 @@ class Policy(nn.Module):
         """Actions for observations; the preference broadcasts over them.
 
         Raises:
-            ValueError: if the observation is not finite, or the preference no point of the simplex with one entry per
-                objective.
+            ValueError: if the observation is not finite, the preference no point of the simplex with one entry per
+                objective, or the action not finite.
         """
         if preference.shape[-1] != len(self.objectives):
             raise ValueError(f"A preference needs {len(self.objectives)} entries {self.objectives}.")
-        if not (torch.compiler.is_compiling() or torch.jit.is_tracing()):
-            _check_inputs(observation, preference)
-        return self.actor(observation, preference.expand(*observation.shape[:-1], -1))
+        finite = observation.isfinite()
+        point = (preference >= 0).all(-1) & ((preference.sum(-1) - 1).abs() <= SUM_TOLERANCE)  # NaN fails both
+        silent = torch.compiler.is_compiling() or torch.jit.is_tracing()
+        if not silent:
+            _refuse(observation, finite, preference, point)
+        action = self.actor(observation, preference.expand(*observation.shape[:-1], -1))
+        if silent:
+            sound = finite.all(-1) & point & action.isfinite().all(-1)
+            return torch.where(sound.unsqueeze(-1), action, 0.0)
+        require(action.isfinite().all(), "The action must be finite", lambda: f"{action.tolist()} of huge observations")
+        return action
 
 
-def _check_inputs(observation: Tensor, preference: Tensor) -> None:
-    finite = observation.isfinite()
+def _refuse(observation: Tensor, finite: Tensor, preference: Tensor, point: Tensor) -> None:
     require(
         finite.all(),
         "Observations must be finite",
         lambda: f"{observation[~finite][0].item()} in entry {int((~finite).nonzero()[0, -1])}",
     )
-    point = ((preference >= 0).all(-1)) & ((preference.sum(-1) - 1).abs() <= SUM_TOLERANCE)  # NaN fails both
     require(
         point.all(),
         "The entries of a preference must be at least 0 and add up to 1",

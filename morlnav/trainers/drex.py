@@ -96,7 +96,7 @@ class DREX:
         self.stages = {
             name: Cache(
                 cache,
-                config and _of_one(config, name, source.key),
+                config and _of_one(config, name, source.key, getattr(ranking, "key", "")),
                 seed,
                 progress_bar,
                 name if name != "demo" else "",
@@ -223,13 +223,13 @@ def place(directory: Path | None, name: str) -> Path | None:
     return directory if directory is None or name == "demo" else directory / "styles" / name
 
 
-def _of_one(config: Mapping[str, Any], name: str, key: str) -> dict[str, Any]:
+def _of_one(config: Mapping[str, Any], name: str, key: str, compared: str) -> dict[str, Any]:
     """The config as one objective depends on it, stage by stage."""
     pipeline = config["rewards"]
     return {
         "env": config["env"],
         "demonstrations": [pipeline["demonstrations"][name], pipeline.get("num"), key],
         "clone": pipeline["clone"],
-        "ranking": pipeline["ranking"],
+        "ranking": [pipeline["ranking"], compared] if compared else pipeline["ranking"],
         "audit": {key: pipeline.get(key) for key in ("audit", "scale", "offset")},
     }

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase
 
 from morlnav.config import Part, supply
-from morlnav.data import SnippetPairs, roll_out_ranked
+from morlnav.data import ComparedPairs, SnippetPairs, roll_out_ranked
 from morlnav.files import write_tensors
 from morlnav.modules import NormalisedReward, RewardEnsemble
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
@@ -117,6 +117,7 @@ class Ranking:
         members: what each member of the ensemble reads.
         reduce: ``"pessimistic"`` or ``"mean"``.
         normalise: stretch the reward so that demonstrated steps are nearly free.
+        comparisons: pairs that people compared, a second source of what is better; ``None`` learns from noise alone.
 
     Raises:
         ValueError: for numbers out of range, or values that contradict each other.
@@ -137,6 +138,7 @@ class Ranking:
         members: Sequence[Sequence[str]] = (("observation",),) * 3 + (("observation", "action"),) * 3,
         reduce: Literal["mean", "pessimistic"] = "pessimistic",
         normalise: bool = True,
+        comparisons: ComparedPairs | None = None,
     ) -> None:
         for name, value in {"episodes": episodes, "batch_size": batch_size, "snippet": snippet or 1}.items():
             if value < 1:
@@ -160,6 +162,8 @@ class Ranking:
         self.levels, self.episodes, self.snippet = list(levels), episodes, snippet
         self.aggregate, self.temperature, self.batch_size = aggregate, temperature, batch_size
         self.members, self.reduce, self.normalise = members, reduce, normalise
+        self.comparisons = comparisons
+        self.key = comparisons.key if comparisons is not None else ""
 
     def try_parts(self, live: Mapping[str, Any]) -> None:
         """Make noise and models once, to find out what they refuse before anything is rolled out."""
@@ -181,13 +185,17 @@ class Ranking:
     def __call__(self, rollouts: TensorDict, live: Mapping[str, Any], **display: Any) -> tuple[nn.Module, dict]:
         """The reward model, and its held-out scores."""
         train = SnippetPairs(rollouts[:, : self.split], self.snippet)
-        held_out = SnippetPairs(rollouts[:, self.split :], self.snippet).sample(512)
+        held_out = SnippetPairs(rollouts[:, self.split :], self.snippet)
         members = [supply(self.model, **{**live, "inputs": list(inputs)}) for inputs in self.members]
         networks = [TensorDictModule(member, ["observation", "action"], ["reward"]) for member in members]
         loss = RankingLoss(networks, aggregate=self.aggregate, temperature=self.temperature)
-        scores = self.fit(
-            loss, lambda: torch.stack([train.sample(self.batch_size) for _ in members]), held_out, **display
-        )
+        held_out = held_out.sample(512) if self.comparisons is None else self.comparisons.join(held_out.sample(128))
+
+        def sample() -> TensorDict:
+            compared = self.comparisons if self.comparisons and torch.rand(()) < self.comparisons.share else None
+            return torch.stack([compared.sample() if compared else train.sample(self.batch_size) for _ in members])
+
+        scores = self.fit(loss, sample, held_out, **display)
         model = RewardEnsemble(members, reduce=self.reduce) if len(members) > 1 else members[0]
         if self.normalise:
             mask = rollouts["mask"]

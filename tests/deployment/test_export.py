@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -34,6 +33,15 @@ def inputs(policy, count):
     return observation, preference / preference.sum(-1, keepdim=True)
 
 
+def run(exported, form, observation, preference):
+    """What an exported file answers, wherever it runs."""
+    if form == "pt2":
+        return torch.export.load(exported["pt2"]).module()(observation, preference)
+    session = onnxruntime.InferenceSession(exported["onnx"], providers=["CPUExecutionProvider"])
+    feed = {"observation": observation.numpy(), "preference": preference.numpy()}
+    return torch.from_numpy(session.run(["action"], feed)[0])
+
+
 def assert_alike(policy, action, expected):
     """To 1e-5 in SI units; of a trained policy in half ranges, for its ω is not exact to 1e-5 rad/s in float32."""
     if policy.objectives == ("demo", "distance", "efficiency"):
@@ -41,29 +49,56 @@ def assert_alike(policy, action, expected):
     torch.testing.assert_close(action, expected, rtol=0, atol=1e-5)
 
 
+BOTH = pytest.mark.parametrize("form", ["onnx", "pt2"])
+
+
+@BOTH
 @pytest.mark.parametrize("count", [1, 10_000])
-def test_onnx_gives_the_same_actions(policy, exported, count):
+def test_the_file_gives_the_same_actions(policy, exported, form, count):
     observation, preference = inputs(policy, count)
-    session = onnxruntime.InferenceSession(exported["onnx"], providers=["CPUExecutionProvider"])
-    (action,) = session.run(["action"], {"observation": observation.numpy(), "preference": preference.numpy()})
-    assert_alike(policy, torch.from_numpy(action), policy(observation, preference))
+    assert_alike(policy, run(exported, form, observation, preference), policy(observation, preference))
 
 
-@pytest.mark.parametrize("count", [1, 10_000])
-def test_the_exported_program_gives_the_same_actions(policy, exported, count):
-    observation, preference = inputs(policy, count)
-    action = torch.export.load(exported["pt2"]).module()(observation, preference)
-    assert_alike(policy, action, policy(observation, preference))
-
-
-def test_the_preference_stays_an_input(policy, exported):
+@BOTH
+def test_the_preference_stays_an_input(policy, exported, form):
     observation, _ = inputs(policy, 5)
-    session = onnxruntime.InferenceSession(exported["onnx"], providers=["CPUExecutionProvider"])
-    corners = np.eye(len(policy.objectives), dtype=np.float32)
-    one, other = (
-        session.run(None, {"observation": observation.numpy(), "preference": corners[[i] * 5]})[0] for i in (0, 1)
-    )
+    corners = torch.eye(len(policy.objectives))
+    one, other = (run(exported, form, observation, corners[[i] * 5]) for i in (0, 1))
     assert (one != other).any()
+
+
+@BOTH
+@pytest.mark.parametrize("entry", [0, 3, 33])
+@pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf, 3e38])
+def test_an_observation_that_makes_no_sense_is_answered_by_a_stop(policy, exported, form, entry, value):
+    observation, preference = inputs(policy, 3)
+    expected = policy(observation, preference)
+    observation[1, entry] = value
+    action = run(exported, form, observation, preference)
+    assert action.isfinite().all()
+    if value != 3e38:  # which may only turn a feature off
+        assert action[1].tolist() == [0, 0]
+    assert_alike(policy, action[[0, 2]], expected[[0, 2]])
+
+
+@BOTH
+@pytest.mark.parametrize(
+    "start", [[5.0, -3.0], [-0.1, 1.1], [0.5, 0.6], [0.0, 0.0], [torch.nan, 1.0], [torch.inf, 0.0]]
+)
+def test_a_preference_off_the_simplex_is_answered_by_a_stop(policy, exported, form, start):
+    observation, preference = inputs(policy, 2)
+    preference[1] = torch.tensor([*start, *[0.0] * len(policy.objectives)])[: len(policy.objectives)]
+    action = run(exported, form, observation, preference)
+    assert action[1].tolist() == [0, 0]
+    assert_alike(policy, action[0], policy(observation[0], preference[0]))
+
+
+@BOTH
+def test_a_preference_may_be_rounded(policy, exported, form):
+    observation, _ = inputs(policy, 1)
+    preference = torch.tensor([[0.333, 0.333, 0.333]])[:, : len(policy.objectives)]
+    preference[0, -1] = 1 - preference[0, :-1].sum() - 0.0009
+    assert run(exported, form, observation, preference).any()
 
 
 def test_the_files_name_the_objectives(policy, exported):

@@ -117,9 +117,21 @@ def test_a_preference_may_be_rounded(smoke_run):
     assert policy(observations(2), torch.tensor([0.333, 0.6665])).isfinite().all()
 
 
-def test_a_policy_as_a_whole_can_be_exported(smoke_run):
-    policy, inputs = morlnav.load(smoke_run), (observations(4), torch.tensor([0.25, 0.75]).repeat(4, 1))
-    torch.testing.assert_close(torch.export.export(policy, inputs).module()(*inputs), policy(*inputs))
+def test_an_action_that_is_not_finite_is_refused():
+    policy = Policy(lambda observation, preference: observation[..., :2].exp(), ("distance", "efficiency"))
+    assert policy(torch.zeros(34), torch.tensor([1.0, 0.0])).tolist() == [1, 1]
+    with pytest.raises(ValueError, match=r"The action must be finite, got \[inf, inf\] of huge observations"):
+        policy(torch.full((34,), 100.0), torch.tensor([1.0, 0.0]))
+
+
+def test_compiled_it_answers_with_a_stop_what_it_would_refuse(smoke_run):
+    policy, preference = morlnav.load(smoke_run), torch.tensor([[0.25, 0.75]] * 3)
+    observation, compiled = observations(3), torch.compile(policy, backend="eager")
+    torch.testing.assert_close(compiled(observation, preference), policy(observation, preference))
+    observation[1, 5], preference[2] = torch.nan, torch.tensor([5.0, -4.0])
+    action = compiled(observation, preference)
+    torch.testing.assert_close(action[0], policy(observation[0], preference[0]))
+    assert action[1:].tolist() == [[0, 0], [0, 0]]
 
 
 def test_foreign_classes_are_refused_without_trust(copied_run):

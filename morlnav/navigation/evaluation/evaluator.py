@@ -77,10 +77,36 @@ class NavigationEvaluation(Evaluation):
         )
 
     def scenes(self, episodes: int | None = None, seed: int | None = None) -> Scene:
-        """Held-out scenes."""
+        """Held-out scenes, or those to :meth:`use`."""
+        if self._scenes is not None and episodes is None and seed is None:
+            return self._scenes
         return evaluation_scenes(
             episodes or self.episodes, seed=self.seed if seed is None else seed, sampler=self.env.scenes
         )
+
+    def use(self, scenes: Scene) -> None:
+        """Drive in these scenes ``[S]`` from now on, and no longer in held-out ones.
+
+        Raises:
+            ValueError: naming the first scene that the world's robot cannot stand in, or whose goal is further than it
+                could drive in the time of an episode.
+        """
+        world = self.env.world
+        reach = world.robot.max_speed * world.step_time * self.max_steps + world.goal_radius
+        for number, scene in enumerate(scenes):
+            try:
+                scene.check(world.robot.radius, world.human_radius)
+            except ValueError as error:
+                raise ValueError(f"Episode {number}: {error}") from error
+            distance = (scene.goal - scene.start[:2]).norm()
+            if distance > reach:
+                raise ValueError(
+                    f"Episode {number}: the goal is {distance:.1f} m away, but after the {self.max_steps} steps of an "
+                    f"episode the robot is {reach:.1f} m away at most."
+                )
+        self._scenes, self.episodes = scenes, len(scenes)
+
+    _scenes: Scene | None = None
 
     def references(self, scenes: Scene) -> dict[str, list[Tensor]]:
         """Each demonstrator's path in each scene, where it can drive there."""

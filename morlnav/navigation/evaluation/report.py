@@ -160,8 +160,8 @@ def sentences(
         possible: from :func:`~morlnav.navigation.evaluation.possible_table`, where λ weighs distance and efficiency.
     """
     episodes, scenes = int(summary["episodes"].sum()), int(summary["episodes"].iloc[0])
-    plural = "s" if len(summary) > 1 else ""
-    lines = [f"{episodes} episodes: {len(summary)} preference{plural} in {scenes} scenes. Times count successes only."]
+    driven = f"{len(summary)} preference{'s'[: len(summary) > 1]} in {scenes} scene{'s'[: scenes > 1]}"
+    lines = [f"{episodes} episodes: {driven}. Times count successes only."]
     for name, rows in fidelity.dropna(subset="spearman").groupby("objective", sort=False):
         first, edges = rows.iloc[0], rows.dropna(subset="edge_spearman")
         metric = f"{'more' if first['sign'] > 0 else 'less'} {first['metric'].replace('_', ' ')}"

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
+from morlnav.navigation.world.geometry import distance_to_box
 from morlnav.record.colours import INK, blend, objective_colours
 
 if TYPE_CHECKING:
@@ -146,7 +147,8 @@ def draw_scene(axes: Axes, scene: Scene, human_radius: float = 0.3, robot_radius
     >>> len(axes.patches)  # three boxes, the human and the robot at its start
     5
     """
-    for x, y, length, width, angle in scene.boxes.tolist():
+    near = distance_to_box(scene.goal, scene.boxes) < 100  # others stand in for boxes that a scene does not have
+    for x, y, length, width, angle in scene.boxes[near].tolist():
         corner, size = (x - length, y - width), (2 * length, 2 * width)
         style = {"facecolor": BOX, "edgecolor": "#9aa0a8", "lw": 0.8, "zorder": 2}
         axes.add_patch(Rectangle(corner, *size, angle=np.degrees(angle), rotation_point="center", **style))

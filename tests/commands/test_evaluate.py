@@ -1,0 +1,84 @@
+"""A policy is measured where somebody was recorded."""
+
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import torch
+
+from morlnav.commands.evaluate import evaluate_route, main, use_recorded_scenes
+from morlnav.navigation.demonstrations import record_demonstrations, save_demonstrations
+from morlnav.navigation.modules import CircumnavigationOracle
+from morlnav.navigation.world import SceneSampler
+from morlnav.runs import Run
+
+RUN = Path(__file__).parents[2] / "results" / "two_objectives" / "seed_0"
+OUT_OF_THE_WAY = [1000.0, 1000.0, 0.1, 0.1, 0.0]  # where a scene has fewer boxes than others of its folder
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(num_boxes=2), 2)
+    data["scene", "boxes"][data["episode"] == 1, 1] = torch.tensor(OUT_OF_THE_WAY)
+    return data
+
+
+def evaluate(monkeypatch, *words):
+    monkeypatch.setattr(sys, "argv", ["morlnav-evaluate", str(RUN), *map(str, words)])
+    main()
+
+
+def test_a_run_is_evaluated_in_recorded_scenes(recorded, tmp_path, monkeypatch, capsys):
+    save_demonstrations(recorded, tmp_path / "mine")
+    evaluate(monkeypatch, "--scenes", tmp_path / "mine", "--steps", 1, "--output", tmp_path / "out")
+    assert "4 episodes: 2 preferences in 2 scenes" in capsys.readouterr().out
+    episodes = pd.read_csv(tmp_path / "out" / "episodes.csv")
+    assert (episodes["success"] == 1).all()
+    # Nobody gets there on less than the straight line, and the policy of efficiency hardly drives more.
+    scenes = recorded["scene"][recorded["step"] == 0]
+    straight = (scenes["goal"] - scenes["start"][:, :2]).norm(dim=-1) - 0.35
+    fastest = episodes[episodes["lambda_efficiency"] == 1].sort_values("scene")["path_length"]
+    torch.testing.assert_close(torch.tensor(fastest.to_numpy()), straight.double(), rtol=0.1, atol=0)
+    assert {"table.md", "front.png", "trajectories.png"} <= {file.name for file in (tmp_path / "out").iterdir()}
+
+
+def test_so_are_rooms(recorded, tmp_path):
+    save_demonstrations(recorded[recorded["episode"] == 0], tmp_path / "mine")
+    (tmp_path / "rooms.yaml").write_text("hall: {distance: 1}")
+    run = Run(RUN)
+    use_recorded_scenes(run, tmp_path / "mine")
+    rooms = pd.read_csv(evaluate_route(run, tmp_path / "rooms.yaml", {0: "hall"}, tmp_path))
+    assert rooms["episodes"].tolist() == [1, 1]
+
+
+def blocked(data):
+    data["scene", "boxes"][data["episode"] == 1, 0] = torch.tensor([0.0, 0.0, 0.5, 0.5, 0.0])
+
+
+def distant(data):
+    data["scene", "goal"][:] = torch.tensor([40.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (blocked, "mine: Episode 1: The start lies inside a box"),
+        (distant, r"mine: Episode 0: the goal is 40.0 m away, but after the 250 steps of an episode .* 25.4 m away"),
+    ],
+)
+def test_a_scene_that_the_robot_cannot_drive_in_is_named(recorded, tmp_path, monkeypatch, change, sentence):
+    data = recorded.clone()
+    change(data)
+    save_demonstrations(data, tmp_path / "mine")
+    with pytest.raises(SystemExit, match=sentence):
+        evaluate(monkeypatch, "--scenes", tmp_path / "mine")
+
+
+def test_other_folders_and_contradictions_are_refused(tmp_path, monkeypatch, capsys):
+    with pytest.raises(SystemExit, match=r"holds no demonstrations: there is no demonstrations\.json"):
+        evaluate(monkeypatch, "--scenes", tmp_path)
+    for words in (["--episodes", 3], ["--seed", 1]):
+        with pytest.raises(SystemExit):
+            evaluate(monkeypatch, "--scenes", tmp_path, *words)
+        assert "as many as were recorded; leave out --episodes and --seed" in capsys.readouterr().err

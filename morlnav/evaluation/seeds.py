@@ -78,10 +78,11 @@ def welch(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
     """
     if min(len(first), len(second)) < 2:
         return np.nan, np.nan
-    if np.ptp(first) == 0 == np.ptp(second):
+    if np.allclose(first, first[0], atol=0) and np.allclose(second, second[0], atol=0):
         difference = first[0] - second[0]
-        return (0.0, 1.0) if difference == 0 else (float(np.copysign(np.inf, difference)), 0.0)
-    return tuple(scipy.stats.ttest_ind(first, second, equal_var=False))
+        return (0.0, 1.0) if np.isclose(first[0], second[0]) else (float(np.copysign(np.inf, difference)), 0.0)
+    moments = [moment for sample in (first, second) for moment in (sample.mean(), sample.std(ddof=1), len(sample))]
+    return tuple(map(float, scipy.stats.ttest_ind_from_stats(*moments, equal_var=False)))
 
 
 def stars(p: float) -> str:

@@ -113,8 +113,11 @@ class Report:
         except FileNotFoundError as error:
             self.notes.append(f"No learning curves: {error}")
             return None
-        logs = logs[logs["run"].isin(names)]
-        return plot_curves(logs, names, {name: title for name, title in CURVES.items() if name in set(logs["metric"])})
+        logs = logs[logs["run"].isin(names) & logs["metric"].isin(CURVES)]
+        if logs.empty:
+            self.notes.append(f"No learning curves: the logs hold none of {', '.join(CURVES)}.")
+            return None
+        return plot_curves(logs, names, {name: CURVES[name] for name in CURVES if (logs["metric"] == name).any()})
 
     def intervals(self) -> Figure:
         """Interquartile means of all scores with intervals over seeds."""

@@ -73,9 +73,9 @@ def test_whole_seeds_are_resampled():
 def test_one_setting_is_set_beside_every_other():
     ours = np.array([[0.9, 0.8], [1.0, 0.9], [0.95, 0.85]])
     table = compare_scores(table_of(our=ours, same=ours, worse=ours - 0.5, alone=ours[:1]), "our").set_index("than")
-    assert table["difference"].tolist() == pytest.approx([0, 0.5, 0], abs=1e-9)
-    assert table["probability"].tolist() == [0.5, 1.0, 0.5]
-    assert table["stars"].tolist() == ["ns", "**", ""]
+    assert table["difference"].tolist() == pytest.approx([0, 0.5, 0.05], abs=1e-9)
+    assert table["probability"].tolist() == pytest.approx([0.5, 1.0, 5 / 6])  # above it, above it, and a tie
+    assert table["stars"].tolist() == ["ns", "***", ""]
     p = scipy.stats.ttest_ind(ours.mean(1), ours.mean(1) - 0.5, equal_var=False).pvalue
     assert table.loc["worse", "p_holm"] == pytest.approx(2 * p)
     assert len(compare_scores(table_of(our=ours), "our")) == 0

@@ -84,7 +84,8 @@ class Sweep:
         there = {paper_name(setting) for setting in self.settings}
         absent = [word for word, (name, _) in PAPER.items() if name not in there]
         if self.summaries and 0 < len(absent) < len(PAPER):
-            self.notes.append(f"The paper's agents that this sweep lacks: {', '.join(absent)} (words of ablation=).")
+            words = ",".join(f"[{word}]" if "," in word else word for word in absent)
+            self.notes.append(f"The sweep lacks agents of the paper: ablation={words}.")
         if self.summaries and self.front is None:
             self.notes.append("No run keeps evaluation/exact_front.csv; morlnav-evaluate RUN_DIR writes it.")
 

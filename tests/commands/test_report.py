@@ -166,3 +166,16 @@ def test_a_wrong_directory_ends_in_one_sentence(spoil, sentence, tmp_path, monke
         report.main()
     assert "\n" not in str(error.value)
     assert not (tmp_path / "report").exists()
+
+
+def test_other_tasks_are_compared_by_utility_and_hypervolume(tmp_path):
+    for number, (ablation, seed) in enumerate([("our", 0), ("our", 1), ("no_angle", 0), ("no_angle", 1)]):
+        run = keep(tmp_path / f"{number}", ablation, seed, 1.0)
+        (run / "evaluation" / "summary.csv").unlink()
+        front = pd.read_csv(run / "evaluation" / "front.csv").assign(hypervolume=10.0 * number)
+        front.to_csv(run / "evaluation" / "front.csv", index=False)
+    made = report.Report([tmp_path])
+    table = made.tables["comparisons"].set_index("score")
+    assert table["difference"].to_dict() == {"utility": 0.0, "hypervolume": -20.0}
+    assert sorted(made.tables) == ["comparisons", "scores"]
+    assert made.write(tmp_path / "report").read_text().count("png") == 1

@@ -53,7 +53,7 @@ ROOMS = (
     ),
 )
 """Pages of the API in their order, the last group in ``morlnav.navigation``."""
-BESIDE = {"deployment": ("context", "export")}
+BESIDE = {"deployment": ("context", "export"), "navigation.evaluation": ("sweep",)}
 """Modules whose names a room does not hand on, because most users of the room do without them."""
 
 
@@ -74,6 +74,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         pages |= _notebook_page(notebook)
     for image in ("trajectories", "metrics"):
         pages[f"images/{image}.png"] = (ROOT / "results/default/evaluation" / f"{image}.png").read_bytes()
+    for image in (ROOT / "results/paper").glob("*.png"):
+        pages[image.name] = image.read_bytes()  # beside the page that includes the report
     for path, content in pages.items():
         files.append(File.generated(config, path, content=content))
     return files

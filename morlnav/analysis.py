@@ -43,6 +43,38 @@ def load_run(directory: str | Path) -> pd.DataFrame:
     return load_sweep([directory])
 
 
+def load_settings(source: Runs) -> pd.DataFrame:
+    """The runs of a sweep, and what a table or a figure calls what was tried in each.
+
+    Args:
+        source: as for :func:`load_sweep`; runs that have not finished are among them.
+
+    Returns:
+        A row per run: ``run``; ``path``, its directory; ``seed``; and ``setting``: the word of the group ``ablation``,
+        as ``no_human``, then other words of the command line in which runs differ, and what else differs, but seeds.
+        So the runs of a setting differ in nothing but their seed.
+
+    Raises:
+        FileNotFoundError: if there are no runs.
+        ValueError: if the sequence of directories is empty.
+
+    Examples:
+        >>> load_settings("results/default")[["setting", "seed"]].values.tolist()
+        [['our', 0]]
+    """
+    runs = _find_runs(source)
+    configs, words, ablations = _words(runs)
+    words = words.drop(columns=["seed", "ablation"], errors="ignore")
+    settings = configs.drop(columns=[name for name in configs if name.split(".")[-1] == "seed"])
+    same = pd.concat([words, pd.Series(ablations, name="ablation")], axis=1).astype(str).agg(", ".join, axis=1)
+    rest = settings.loc[:, settings.groupby(same).nunique(dropna=False).max() > 1]
+    others = pd.concat([words, rest.drop(columns=list(words), errors="ignore")], axis=1).to_dict("records")
+    named = [", ".join(f"{key}={value}" for key, value in row.items()) for row in others]
+    if len(set(ablations)) > 1 or not any(named):
+        named = [", ".join(filter(None, pair)) for pair in zip(ablations, named, strict=True)]
+    return pd.DataFrame({"run": list(runs), "path": list(runs.values()), "seed": configs.get("seed"), "setting": named})
+
+
 def load_sweep(source: Runs) -> pd.DataFrame:
     """The scalars of several runs, with the settings in which they differ.
 
@@ -193,27 +225,37 @@ def _differences(runs: dict[str, Path]) -> pd.DataFrame:
 
     A word such as ``ablation=no_human`` stands for all that it changes.
     """
-    configs = pd.DataFrame([flat_settings(load_config(path), path) for path in runs.values()])
-    chosen = [_chosen(path) for path in runs.values()]
-    keys = dict.fromkeys(key for words in chosen for key in words)
-    rows = zip(configs.to_dict("records"), chosen, strict=True)
-    typed = pd.DataFrame([{key: flat.get(key, words.get(key)) for key in keys} for flat, words in rows])
-    words = [name for name in typed if typed[name].nunique(dropna=False) > 1]
-    same = typed[words].astype(str).agg(", ".join, axis=1) if words else pd.Series("", configs.index)
+    configs, typed, _ = _words(runs)
+    same = typed.astype(str).agg(", ".join, axis=1) if len(typed.columns) else pd.Series("", configs.index)
     unexplained = configs.groupby(same).nunique(dropna=False).max() > 1
-    different = pd.concat([typed[words], configs.loc[:, unexplained].drop(columns=words, errors="ignore")], axis=1)
-    different.insert(0, "run", list(runs))
-    return different
+    rest = configs.loc[:, unexplained].drop(columns=list(typed), errors="ignore")
+    return pd.concat([pd.Series(list(runs), name="run"), typed, rest], axis=1)
 
 
-def _chosen(run: Path) -> dict[str, str]:
-    """The words of the command line, and the choice of every group, for a run beside this may have typed another."""
-    folder = run / ".hydra"
-    if not (folder / "overrides.yaml").is_file():
-        return {}
-    words = [str(word).lstrip("+~").partition("=") for word in read_yaml(folder / "overrides.yaml") or []]
-    choices = {}
-    if (folder / "hydra.yaml").is_file():
-        choices = read_yaml(folder / "hydra.yaml")["hydra"]["runtime"]["choices"]
-    groups = {group: choice for group, choice in choices.items() if not group.startswith("hydra/")}
-    return groups | {key: value for key, _, value in words if key != "resume"}
+def _words(runs: dict[str, Path]) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:
+    """The configs of runs, the words of the command line in which they differ, and each one's word of ``ablation``.
+
+    A run that did not type a word beside one that did has the config's value, or the choice that Hydra noted.
+    """
+    configs = pd.DataFrame([flat_settings(load_config(path), path) for path in runs.values()])
+    typed, choices = zip(*map(_chosen, runs.values()), strict=True)
+    keys = dict.fromkeys(key for words in typed for key in words)
+    known = [
+        {**groups, **words, **flat}
+        for groups, words, flat in zip(choices, typed, configs.to_dict("records"), strict=True)
+    ]
+    words = pd.DataFrame([{key: row.get(key) for key in keys} for row in known], index=configs.index)
+    ablations = [str(row.get("ablation", "our")).strip("[]") for row in known]
+    return configs, words.loc[:, words.nunique(dropna=False) > 1], ablations
+
+
+def _chosen(run: Path) -> tuple[dict[str, str], dict[str, str]]:
+    """The words of a run's command line, and the choice of every group, for a run beside it may have typed another."""
+    words, groups = (run / ".hydra" / name for name in ("overrides.yaml", "hydra.yaml"))
+    pairs = [str(word).lstrip("+~").partition("=") for word in (read_yaml(words) or [] if words.is_file() else [])]
+    typed = {key: value for key, _, value in pairs if key != "resume"}
+    try:
+        choices = read_yaml(groups)["hydra"]["runtime"]["choices"] if groups.is_file() else {}
+        return typed, {group: choice for group, choice in choices.items() if not group.startswith("hydra/")}
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"{groups} is damaged: it does not say what the run was composed of.") from error

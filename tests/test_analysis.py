@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from morlnav.analysis import load_episodes, load_fronts, load_run, load_summaries, load_sweep
+from morlnav.analysis import load_episodes, load_fronts, load_run, load_settings, load_summaries, load_sweep
 from morlnav.record.loggers import TensorboardCSVLogger
 
 
@@ -93,25 +93,25 @@ def columns_of(table):
 
 
 def test_a_setting_is_named_by_the_word_that_was_typed(tmp_path):
-    for number, (seed, ablation) in enumerate([(0, "none"), (1, "none"), (0, "no_human"), (1, "no_human")]):
-        sees = ablation == "none"
+    for number, (seed, ablation) in enumerate([(0, "our"), (1, "our"), (0, "no_human"), (1, "no_human")]):
+        sees = ablation == "our"
         config = {"env": {"observe_human": sees}, "ranking": {"observe_human": sees}, "demonstrations": {"seed": seed}}
         run = make_run(tmp_path / f"{number}", seed=seed, **config)
         type_words(run, f"seed={seed}", f"ablation={ablation}", "threads=1")
     table = load_sweep(tmp_path)
     assert columns_of(table) == ["seed", "ablation"]
     runs = table.drop_duplicates("run")[["seed", "ablation"]].values.tolist()
-    assert runs == [[0, "none"], [1, "none"], [0, "no_human"], [1, "no_human"]]
+    assert runs == [[0, "our"], [1, "our"], [0, "no_human"], [1, "no_human"]]
 
 
 def test_a_choice_that_one_run_did_not_type_is_known_from_hydra(tmp_path):
-    type_words(make_run(tmp_path / "0", sees=True), "seed=0", ablation="none", trainer="smoke")
+    type_words(make_run(tmp_path / "0", sees=True), "seed=0", ablation="our", trainer="smoke")
     type_words(
         make_run(tmp_path / "1", sees=False), "seed=0", "ablation=no_human", ablation="no_human", trainer="smoke"
     )
     table = load_sweep(tmp_path)
     assert columns_of(table) == ["ablation"]
-    assert table["ablation"].unique().tolist() == ["none", "no_human"]
+    assert table["ablation"].unique().tolist() == ["our", "no_human"]
 
 
 def test_what_words_do_not_explain_is_named_too(tmp_path):
@@ -120,6 +120,40 @@ def test_what_words_do_not_explain_is_named_too(tmp_path):
     table = load_sweep(tmp_path)
     assert columns_of(table) == ["seed", "loss.gamma"]
     assert table.drop_duplicates("run")["loss.gamma"].tolist() == [0.9, 0.9, 0.95, 0.95]
+
+
+def test_a_run_of_a_sweep_is_called_by_the_words_that_were_typed(tmp_path):
+    for number, words in enumerate(["our", "[no_human,state_reward]", "our"]):
+        run = make_run(tmp_path / f"{number}", seed=number, sees=words == "our", objectives=words)
+        type_words(run, f"ablation={words}", f"seed={number}", ablation=words, objectives=words)
+    table = load_settings(tmp_path)
+    assert table["setting"].tolist() == ["our", "no_human,state_reward", "our"]
+    assert table["seed"].tolist() == [0, 1, 2]
+    assert table["path"][1] == tmp_path / "1"
+
+
+def test_other_words_and_what_no_word_explains_are_named_too(tmp_path):
+    for number, (ablation, pessimism, gamma) in enumerate(
+        [("our", 0.5, 0.9), ("our", 1.0, 0.9), ("no_angle", 0.5, 0.8)]
+    ):
+        run = make_run(tmp_path / f"{number}", loss={"pessimism": pessimism, "gamma": gamma})
+        type_words(run, f"ablation={ablation}", f"loss.pessimism={pessimism}")
+    assert load_settings(tmp_path)["setting"].tolist() == [
+        "our, loss.pessimism=0.5",
+        "our, loss.pessimism=1.0",
+        "no_angle, loss.pessimism=0.5",
+    ]
+    assert load_settings([tmp_path / "0", tmp_path / "1"])["setting"].tolist()[0] == "loss.pessimism=0.5"
+    untold = [make_run(tmp_path / name, loss={"gamma": gamma}) for name, gamma in {"a": 0.9, "b": 0.8}.items()]
+    assert load_settings(untold)["setting"].tolist() == ["loss.gamma=0.9", "loss.gamma=0.8"]
+    assert load_settings(untold[:1])["setting"].tolist() == ["our"]
+
+
+def test_what_hydra_noted_may_be_damaged(tmp_path):
+    type_words(make_run(tmp_path / "0"), "seed=0")
+    (tmp_path / "0" / ".hydra" / "hydra.yaml").write_text("[]")
+    with pytest.raises(ValueError, match=r"hydra\.yaml is damaged"):
+        load_settings(tmp_path)
 
 
 def test_settings_may_be_lists_and_may_be_missing(tmp_path):

@@ -2,14 +2,12 @@
 
 import io
 import re
-import shutil
 from base64 import b64decode
 from pathlib import Path
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
-from omegaconf import OmegaConf
 from PIL import Image
 
 ROOT = Path(__file__).parents[1]
@@ -57,23 +55,13 @@ def test_the_quickstart_trains_a_policy_and_shows_it_driving(execute):
     assert [getattr(picture, "n_frames", 1) > 10 for picture in pictures] == [False, True, False]
 
 
-def test_the_analysis_tells_settings_from_seeds(execute, tmp_path):
-    for number, (gamma, seed) in enumerate([(0.9, 1), (0.9, 2), (0.99, 1)]):
-        run = shutil.copytree(RESULTS / "two_objectives" / f"seed_{seed}", tmp_path / "sweep" / str(number))
-        cfg = OmegaConf.load(run / "config.yaml")
-        cfg.hooks.discount.end.baseline = gamma
-        OmegaConf.save(cfg, run / "config.yaml")
-    book = execute("02_analysis", MORLNAV_SWEEP=tmp_path / "sweep")
-    assert len(outputs(book, "image/png")) == 3
-    tables = [text for text in outputs(book, "text/plain") if "Figure" not in text]
-    head, settings, table, preferences, comparison = tables
-    assert "hooks.discount.end.baseline=0.99" in settings
-    assert "hooks.discount.end.baseline" in head
-    assert re.search(r"^success .* ± ", table, re.MULTILINE)  # two seeds have an interval ...
-    assert re.search(r"^success +[\d.]+ *$", table, re.MULTILINE)  # ... and one has none
-    assert "±" in preferences
-    assert re.search(r"^0 +hooks.discount.end.baseline=0.9 +hooks.discount.end.baseline=0.99", comparison, re.MULTILINE)
-    assert re.search(r"^0 .*-?[\d.]+ +NaN *$", comparison, re.MULTILINE)  # a difference, and no p from one seed
+def test_the_papers_story_is_told_of_any_sweep(execute):
+    book = execute("paper", MORLNAV_SWEEP=RESULTS / "two_styles")
+    assert len(outputs(book, "image/png")) == 5  # without what a clone is worth
+    head, table, *_ = outputs(book, "text/plain")
+    assert len(re.findall(r"^\d +our +\d +seed_\d", head, re.MULTILINE)) == 2
+    assert re.search(r"our +2 +99\.6 \[", table)
+    assert "No Fig. 2a: `morlnav-clone noise --output" in printed(book)
 
 
 def test_parts_solve_foreign_problems(execute):

@@ -1,12 +1,14 @@
 """Sweeps by the launchers and sweepers that people use, two jobs each."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
 import pytest
+import torch
 from omegaconf import OmegaConf
-from support import ANALYTICAL, SMALL
+from support import ANALYTICAL, SMALL, assert_identical
 
 CHECKOUT = Path(__file__).parents[1]
 SWEEPS = {
@@ -43,3 +45,27 @@ def test_a_sweep_of_two_jobs(sweep, train_command, tmp_path, monkeypatch):
         assert isinstance(OmegaConf.load(runs[0].parent / "optimization_results.yaml").best_value, float)
     else:
         assert [OmegaConf.load(run / "config.yaml").seed for run in runs] == [0, 1]
+
+
+def test_a_sweep_goes_on_where_it_stopped(train_command, tmp_path, capsys):
+    sweep = ["-m", "hydra.sweep.dir=sweep", *SMALL, *SHORT, "trainer.checkpoint_interval=64", "seed=0,1"]
+    train_command(*sweep)
+    finished, half_done = tmp_path / "sweep" / "0", tmp_path / "sweep" / "1"
+    before, policy = (finished / "policy.pt").stat().st_mtime_ns, torch.load(half_done / "policy.pt")
+    shutil.rmtree(half_done / "evaluation")
+    (half_done / "policy.pt").unlink()
+    shutil.rmtree(half_done / "checkpoints" / "checkpoint-000000000128")
+    capsys.readouterr()
+
+    train_command(*sweep)
+    told = capsys.readouterr().out
+    assert "sweep/0 has finished with these settings before, and is skipped." in told
+    assert "checkpoint-000000000080 at 80 of 128 frames" in told
+    assert (finished / "policy.pt").stat().st_mtime_ns == before
+    assert (half_done / "evaluation" / "table.md").is_file()
+    assert_identical(torch.load(half_done / "policy.pt"), policy)
+
+    with pytest.raises(
+        SystemExit, match=r"sweep/0 holds a run of another config \(loss\.pessimism: 0\.5 then, 0\.3 now"
+    ):
+        train_command(*sweep, "loss.pessimism=0.3")

@@ -10,20 +10,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import torch
-from matplotlib.figure import Figure
 from torch import Tensor
 
 from morlnav.cli import composed, folder, one_sentence_errors, quiet, set_threads
 from morlnav.config import check, setting
-from morlnav.evaluation import eval_env
 from morlnav.navigation.audit import Behaviour
 from morlnav.navigation.audit.noise import noisy_rollouts
 from morlnav.navigation.envs import GoalProgress, NavigationEnv
 from morlnav.navigation.evaluation import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import _interval
-from morlnav.navigation.record.plots import _tidy
+from morlnav.navigation.record.plots import plot_studies
 from morlnav.navigation.world import Scene
-from morlnav.record.colours import COLOURS, INK
 from morlnav.runs import make_training
 from morlnav.trainers import Training, live_objects
 from morlnav.trainers.stages import Policy
@@ -46,7 +43,7 @@ class Studies:
     def __init__(self, training: Training, episodes: int = 20) -> None:
         if episodes < 1:
             raise ValueError(f"episodes must be at least 1, got {episodes}.")
-        self.training, self.env = training, eval_env(training.make_env({}, num_envs=1))
+        self.training, self.env = training, training.unpaid_env()
         self.max_steps, self.seed = live_objects(self.env)["max_steps"], training.seed
         if not isinstance(self.env.base_env, NavigationEnv):
             raise ValueError("morlnav-clone drives robots; choose env=navigation.")
@@ -128,29 +125,6 @@ class Studies:
         return pd.DataFrame(rows)
 
 
-def plot_study(table: pd.DataFrame) -> Figure:
-    """A study's table as a figure in the style of Fig. 2.
-
-    Examples:
-        >>> row = {"epsilon": 0.0, "baseline": 0.9, "baseline_low": 0.8, "baseline_high": 1.0, "demonstrator": 0.95}
-        >>> len(plot_study(pd.DataFrame([row])).axes)
-        1
-    """
-    name = table.columns[0]
-    figure = Figure(figsize=(4.4, 3.0), layout="constrained", facecolor="w")
-    axes = figure.subplots()
-    axes.axhline(table["demonstrator"][0], color=INK, lw=1, ls=(0, (1, 1.5)), label="demonstrator")
-    axes.fill_between(
-        table[name], table["baseline_low"], table["baseline_high"], color=COLOURS["demo"], alpha=0.2, lw=0
-    )
-    axes.plot(table[name], table["baseline"], "o-", color=COLOURS["demo"], ms=4, label="clone")
-    label = {"epsilon": "noise ε", "demonstrations": "demonstrations"}[name]
-    axes.set(xlabel=label, ylabel="normalised baseline return", xscale="log" if name == "demonstrations" else "linear")
-    axes.legend(frameon=False, fontsize=8)
-    _tidy(axes)
-    return figure
-
-
 def main() -> None:
     """Entry point."""
     quiet()
@@ -173,7 +147,7 @@ def main() -> None:
         table = studies.noise(hold=1 if args.hold is None else args.hold) if args.study == "noise" else studies.number()
         args.output.mkdir(parents=True, exist_ok=True)
         table.to_csv(args.output / f"{args.study}.csv", index=False)
-        plot_study(table).savefig(args.output / f"{args.study}.png", dpi=150)
+        plot_studies(table).savefig(args.output / f"{args.study}.png", dpi=150)
         print(table.round(3).to_string(index=False))
         print(f"Table and figure are in {args.output}")
 

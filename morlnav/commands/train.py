@@ -19,6 +19,7 @@ import hydra
 import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import env_override
+from hydra.types import RunMode
 from omegaconf import DictConfig
 from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
@@ -34,9 +35,10 @@ from morlnav.cli import (
     set_threads,
 )
 from morlnav.config import check, plain, setting
+from morlnav.deployment.policy import POLICY_FILE
 from morlnav.files import write_text
 from morlnav.record.progress import stage
-from morlnav.runs import Run, make_training
+from morlnav.runs import CONFIG_FILE, Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
 from morlnav.runs.resuming import resumed_words
 from morlnav.runs.settings import Settings, refuse_without_clones
@@ -68,6 +70,22 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
         trainer = _begin(settings, training) if checkpoint is None else _continue(settings, training, checkpoint)
         _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
         return _train(training, trainer, directory)
+
+
+def _is_sweep() -> bool:
+    return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
+
+
+def _left_by_a_sweep(cfg: DictConfig, directory: Path) -> Run | None:
+    """The run that this job of a sweep has finished before; one that it has half done is marked to be resumed."""
+    if not (directory / CONFIG_FILE).is_file() or Settings(cfg, directory).changed():
+        return None
+    if all((directory / name).is_file() for name in (POLICY_FILE, "evaluation/table.md")):
+        print(f"{directory} has finished with these settings before, and is skipped.")
+        return Run(directory, trust=True)
+    if find_checkpoints(directory):
+        cfg.resume = str(directory)
+    return None
 
 
 def _begin(settings: Settings, training: Training) -> Trainer:
@@ -130,8 +148,10 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         for number, handler in handlers.items():
             signal.signal(number, handler)
     if interrupted and trainer.collected_frames < trainer.total_frames:
-        place = shlex.quote(str(directory))
-        print(f"\nStopped after {trainer.collected_frames} frames; continue with: morlnav-train resume={place}")
+        words = f"morlnav-train resume={shlex.quote(str(directory))}"
+        if _is_sweep():
+            words = f"the same words and hydra.sweep.dir={shlex.quote(HydraConfig.get().sweep.dir)}"
+        print(f"\nStopped after {trainer.collected_frames} frames; continue with: {words}")
         return None
     finished = Run(directory, trust=True)
     deployment.save(trainer.checkpoint.components["average"].module, finished.evaluation.objectives, directory)
@@ -184,7 +204,8 @@ def _main(cfg: DictConfig) -> float:
     # Here too, for Hydra would add a line of its own to an error that leaves this function.
     with one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
         refuse_choices(HydraConfig.get().overrides.task)
-        finished = run(cfg, Path(HydraConfig.get().runtime.output_dir))
+        directory = Path(HydraConfig.get().runtime.output_dir)
+        finished = (_left_by_a_sweep(cfg, directory) if _is_sweep() else None) or run(cfg, directory)
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too
     return finished.evaluation.utility(finished.directory / "evaluation")  # what a sweeper may maximise

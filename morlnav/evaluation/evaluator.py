@@ -103,11 +103,11 @@ class Evaluation:
         directory.mkdir(parents=True, exist_ok=True)
         table.to_csv(directory / "front.csv", index=False)
         text = f"{_markdown(_shown(table))}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
-        (directory / "table.md").write_text(text + "\n", encoding="utf-8")
         if self.num_objectives > 1:
             from morlnav.evaluation.front_plot import plot_front  # loads matplotlib
 
             plot_front(table).savefig(directory / "front.png", dpi=150)
+        (directory / "table.md").write_text(text + "\n", encoding="utf-8")  # last: with it a run has finished
         return table
 
     def show(self, output: Path, directory: Path) -> None:

@@ -22,7 +22,7 @@ class LinearScalarisation(nn.Module):
             them, in which ``default`` serves those that are not named.
 
     Raises:
-        ValueError: if a scale is not positive, a tie break is negative, or a mapping does not fit the objectives.
+        ValueError: if a scale or a tie break is negative, or a mapping does not fit the objectives.
 
     Examples:
         >>> LinearScalarisation()(torch.tensor([0.25, 0.75]), 3)
@@ -46,8 +46,8 @@ class LinearScalarisation(nn.Module):
         for name, value in (("scale", scale), ("tie_break", tie_break)):
             value = torch.as_tensor(by_name(value, objectives, name), dtype=torch.float32)
             self.register_buffer(name, value, persistent=False)
-        if (self.scale <= 0).any():
-            raise ValueError(f"scale must be positive, got {scale}.")
+        if (self.scale < 0).any():
+            raise ValueError(f"scale must not be negative, got {scale}.")
         if (self.tie_break < 0).any():
             raise ValueError(f"tie_break must not be negative, got {tie_break}.")
 

@@ -12,6 +12,10 @@ COLOURS = {"demo": "#18a572", "distance": "#2b62d9", "efficiency": "#ff8c1a"}
 
 SPARE_COLOURS = ("#b0489d", "#8a6d3b", "#17a2b8", "#c0392b", "#7f7f7f")
 INK = "#333333"
+SETTINGS = ("#333333", "#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Colours of a sweep's settings in turn, which a colour-blind eye tells apart (Okabe and Ito)."""
+MARKERS = "osD^vPX"
+"""Marks of a sweep's settings in turn."""
 
 
 def objective_colours(objectives: Sequence[str]) -> list[str]:

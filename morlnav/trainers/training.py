@@ -24,7 +24,7 @@ from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
 from morlnav.config import Part, as_part, build, first_line, setting, supply, takes
-from morlnav.data import PreferenceSampler
+from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
 from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
@@ -146,6 +146,12 @@ class Training:
             raise ValueError("transforms must draw a preference, as morlnav.transforms.DrawPreference does.")
         return env.to(self.device)
 
+    def unpaid_env(self) -> TransformedEnv:
+        """One environment to measure in before rewards are learned; its λ weighs nothing."""
+        brief = copy.copy(self)
+        brief.preferences = lambda: FixedPreferences([1.0])  # of other objectives than the config's own has entries for
+        return eval_env(brief.make_env({}, num_envs=1))
+
     # Learning from demonstrations
 
     def learn_rewards(self, directory: Path | None = None, logger: Logger | None = None) -> dict[str, LearnedReward]:
@@ -160,7 +166,7 @@ class Training:
         """What learns rewards from demonstrations."""
         on_cpu = copy.copy(self)
         on_cpu.device = "cpu"  # its networks are small
-        live = live_objects(eval_env(on_cpu.make_env({}, num_envs=1))) | {"seed": self.seed}
+        live = live_objects(on_cpu.unpaid_env()) | {"seed": self.seed}
         live["make_env"] = lambda **settings: eval_env(on_cpu.base_env(**settings))
         live |= {"cache": self.cache, "progress_bar": setting(self.trainer, "progress_bar")}
         if isinstance(self.env, Part) and isinstance(self.rewards, Part):  # what is paid, and to how many, is no matter
@@ -267,6 +273,11 @@ class Training:
 
     def _live(self, env: TransformedEnv, **more: Any) -> dict[str, Any]:
         live = live_objects(env) | {"seed": self.seed, "device": self.device} | more
+        if not live["num_objectives"] and "num_objectives" in takes(self.preferences):
+            raise ValueError(
+                "Every objective is static, so that λ has none to weigh; choose another besides, or ablation=baseline, "
+                "which learns from the baseline alone."
+            )
         return live | {"sampler": supply(self.preferences, **live)}
 
     def _make_replay(self, live: Mapping[str, Any]) -> ReplayBuffer:

@@ -56,7 +56,7 @@ loss.loss_function=l3                               | loss.loss_function must be
 loss.pessimism=2                                    | loss.pessimism must be between 0 and 1
 loss.num_qvalue_nets=0                              | loss.num_qvalue_nets must be at least 1
 loss.actor_qvalue_nets=3                            | loss.actor_qvalue_nets must be between 1 and 2
-loss.scalarisation.scale=-1                         | loss.scalarisation.scale must be positive
+loss.scalarisation.scale=-1                         | loss.scalarisation.scale must not be negative
 loss.scalarisation.tie_break=abc                    | loss.scalarisation.tie_break must be a number or a list
 loss.terms.proposals.guidance.margin=nan            | loss.terms.proposals.guidance.margin must be a finite number
 loss.terms.proposals.guidance.coefficient=nan       | loss.terms.proposals.guidance.coefficient must be a finite
@@ -204,7 +204,7 @@ CHOICES = """
 env=foo                                             | There is no env/foo; choose from: mo_gymnasium, navigation, own
 trainer=defalt                                      | There is no trainer/defalt; did you mean default?
 objectives=[baseline,foo]                           | There is no objectives/foo; choose from: baseline, demo, distance
-objectives=[baseline]                               | preferences.num_objectives must be at least 1, got 0
+objectives=[baseline]                               | Every objective is static, so that λ has none to weigh
 objectives=[]                                       | env: The environment needs at least one objective
 objectives=[distance,baseline]                      | Static objectives must come before tuneable ones
 recipe=analytical objectives=[baseline,distance]    | loss.scalarisation.scale names efficiency

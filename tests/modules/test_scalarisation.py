@@ -24,9 +24,14 @@ def test_styles_may_weigh_less_than_static_objectives():
     torch.testing.assert_close(weights, torch.tensor([[1.0, 1.0, 0.5, 0.3], [1.0, 1.0, 0.0, 1.3]]))
 
 
+def test_a_style_may_weigh_nothing():
+    weights = LinearScalarisation(scale=0.0)(torch.ones(1, 1), 2)
+    assert weights.tolist() == [[1.0, 0.0]]
+
+
 def test_wrong_scales_and_tie_breaks_are_named():
-    with pytest.raises(ValueError, match="scale must be positive"):
-        LinearScalarisation(scale=0.0)
+    with pytest.raises(ValueError, match="scale must not be negative"):
+        LinearScalarisation(scale=-0.1)
     with pytest.raises(ValueError, match="tie_break must not be negative"):
         LinearScalarisation(tie_break=[0.1, -0.1])
     with pytest.raises(ValueError, match="tie_break has 2 entries, the preference 3"):

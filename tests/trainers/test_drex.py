@@ -10,6 +10,7 @@ from morlnav import load
 from morlnav.commands.evaluate import main as evaluate_main
 from morlnav.commands.train import run
 from morlnav.modules import load_module, read_facts
+from morlnav.navigation.modules import NavigationFeatures
 from morlnav.runs import Run, make_training
 from morlnav.trainers import DREX, Cloning, Ranking
 
@@ -113,15 +114,18 @@ def test_a_reward_that_fails_its_audit_stops_the_pipeline(demonstration_run, tmp
     assert not (tmp_path / "reward.pt").exists()
 
 
-@pytest.mark.parametrize("ablation", ["no_human", "state_reward"])
-def test_ablations_of_the_reward_are_configs(ablation, tmp_path):
+def test_ablations_together_reach_every_network(tmp_path):
     small = [word for word in SMALL if "members" not in word]  # which a word would set last
-    make_training(configure(*small, f"cache={tmp_path}", f"ablation={ablation}")).learn_rewards(tmp_path / "run")
+    training = make_training(configure(*small, f"cache={tmp_path}", "ablation=[no_human,state_reward]"))
+    learned = training.learn_rewards(tmp_path / "run")
     model = load_module(tmp_path / "run" / "reward.pt")
-    assert ("action" in model.inputs) == (ablation != "state_reward")
-    features = model.models[0].features
-    assert features.observe_human == (ablation != "no_human")
-    assert features.use_lidar == (ablation == "no_human")
+    assert "action" not in model.inputs
+    loss = training.make_trainer(tmp_path, learned).loss_module
+    for network in (model, learned["demo"].clone, loss.actor_network, loss.qvalue_network):
+        features = [part for part in network.modules() if isinstance(part, NavigationFeatures)]
+        assert features
+        assert not any(part.observe_human for part in features)
+    assert model.models[0].features.use_lidar
 
 
 def test_the_literal_recipe_is_one_word(tmp_path):

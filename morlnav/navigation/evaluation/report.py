@@ -108,7 +108,6 @@ def write_report(
     directory.mkdir(parents=True, exist_ok=True)
     for name, content in tables.items():
         content.to_csv(directory / f"{name}.csv", index=False)
-    (directory / "table.md").write_text(table + "\n", encoding="utf-8")
 
     if len(tuneable) >= 2:
         from morlnav.evaluation.front_plot import plot_front  # these load matplotlib
@@ -124,6 +123,7 @@ def write_report(
         plot_front(front).savefig(directory / "front.png", dpi=150)
         if limits is not None:
             plot_exact_front(limits, tables["possible"]).savefig(directory / "exact_front.png", dpi=150)
+    (directory / "table.md").write_text(table + "\n", encoding="utf-8")  # last: with it a run has finished
     return table
 
 

@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 import scipy
 
+from morlnav.evaluation.seeds import stars, welch
+
 FIDELITY = {"distance": ("min_human_distance", 1), "efficiency": ("navigation_time", -1), "demo": ("frechet", -1)}
 """The metric that each objective should move, and which way."""
 
@@ -124,7 +126,8 @@ def compare_extremes(frame: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFram
 
     Returns:
         Columns ``metric``, ``first`` and ``second`` (objectives), ``mean_first``, ``mean_second``, ``t``, ``p`` and
-        ``stars``: ``***`` for p ≤ 0.001, ``**`` ≤ 0.01, ``*`` ≤ 0.05, else ``ns``. Both orders of a pair are listed.
+        ``stars``: ``***`` for p ≤ 0.001, ``**`` ≤ 0.01, ``*`` ≤ 0.05, else ``ns``; empty where too few episodes allow
+        no test. Both orders of a pair are listed.
 
     Raises:
         ValueError: if a metric is not a column.
@@ -142,28 +145,10 @@ def compare_extremes(frame: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFram
     for metric in metrics:
         values = {name: metric_values(extreme, metric) for name, extreme in extremes.items()}
         for first, second in permutations(names, 2):
-            t, p = _welch(values[first], values[second])
+            t, p = welch(values[first], values[second])
             means = [values[name].mean() if len(values[name]) else np.nan for name in (first, second)]
             rows.append((metric, first, second, *means, t, p, stars(p)))
     return pd.DataFrame(rows, columns=["metric", "first", "second", "mean_first", "mean_second", "t", "p", "stars"])
-
-
-def _welch(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
-    if min(len(first), len(second)) < 2:
-        return np.nan, np.nan
-    if np.ptp(first) == 0 == np.ptp(second):  # no variance: the test is exact
-        difference = first[0] - second[0]
-        return (0.0, 1.0) if difference == 0 else (np.copysign(np.inf, difference), 0.0)
-    return tuple(scipy.stats.ttest_ind(first, second, equal_var=False))
-
-
-def stars(p: float) -> str:
-    """How significant ``p`` is, in the paper's signs.
-
-    >>> stars(0.0005), stars(0.2)
-    ('***', 'ns')
-    """
-    return next((sign for level, sign in ((0.001, "***"), (0.01, "**"), (0.05, "*")) if p <= level), "ns")
 
 
 def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None = None) -> pd.DataFrame:

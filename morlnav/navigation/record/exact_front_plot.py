@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from morlnav.record.colours import INK, blend, objective_colours
+from morlnav.record.colours import INK, MARKERS, SETTINGS, blend, objective_colours
 
 if TYPE_CHECKING:
     from morlnav.navigation.evaluation.possible import ExactFront
@@ -35,13 +38,8 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
         >>> plot_exact_front(front, table).axes[0].get_ylabel()
         'time over the shortest path'
     """
-    figure = Figure(figsize=(5.6, 4.0), layout="constrained", facecolor="w")
-    axes = figure.subplots()
+    figure, axes = _draw_front(front)
     distance = front.distance.numpy()
-    ratio = front.ratio.numpy()
-    low, high = np.nanquantile(np.where(np.isfinite(ratio), ratio, np.nan), [0.1, 0.9], axis=0)
-    axes.fill_between(distance, low, high, color=INK, alpha=0.08, lw=0)
-    axes.plot(distance, front.time_ratio, color=INK, lw=1.4, label="exact front (and of 80 % of the scenes)")
     edge = table[table["on_edge"]].dropna()
     grid = np.linspace(distance[0], distance[-1], 500)
     reached = front.reach(edge["min_human_distance"].to_numpy(), edge["time_ratio"].to_numpy(), grid)
@@ -58,10 +56,53 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
     )
     for name, colour in zip(names, colours, strict=True):
         axes.scatter([], [], color=colour, label=f"all weight on {name.removeprefix('lambda_')}")
+    figure.legend(loc="outside upper center", ncols=2, frameon=False, fontsize=8)
+    return figure
+
+
+def plot_reached_fronts(front: ExactFront, tables: Mapping[str, Sequence[pd.DataFrame]]) -> Figure:
+    """The same for the settings of a sweep: between distance and efficiency, means over seeds, and each one's share.
+
+    Args:
+        front: of the scenes.
+        tables: by setting, a :func:`~morlnav.navigation.evaluation.possible_table` of each seed.
+
+    Returns:
+        A figure; save it with ``figure.savefig("fronts.png", dpi=150)``.
+
+    Examples:
+        >>> import torch
+        >>> from morlnav.navigation.evaluation.possible import ExactFront
+        >>> front = ExactFront(torch.tensor([0.48, 2.0]), torch.tensor([[10.0, 11.0]]), [])
+        >>> table = pd.DataFrame({"min_human_distance": [1.5, 0.6], "time_ratio": [1.1, 1.02], "on_edge": True})
+        >>> figure = plot_reached_fronts(front, {"our": [table.assign(front_share=0.4)]})
+        >>> figure.legends[0].get_texts()[-1].get_text()
+        'our: 40 %'
+    """
+    figure, axes = _draw_front(front)
+    for (name, seeds), colour, marker in zip(tables.items(), cycle(SETTINGS), cycle(MARKERS), strict=False):
+        line = sum(table[["min_human_distance", "time_ratio"]].where(table["on_edge"]) for table in seeds) / len(seeds)
+        share = 100 * np.mean([table["front_share"].iloc[0] for table in seeds])
+        style = {"color": colour, "marker": marker, "ms": 5, "lw": 1.0, "alpha": 0.9}
+        axes.plot(
+            *line.dropna().sort_values("min_human_distance").to_numpy().T, label=f"{name}: {share:.0f} %", **style
+        )
+    columns = 3 if max(map(len, tables)) < 24 else 1
+    figure.legend(loc="outside upper center", ncols=columns, frameon=False, fontsize=8)
+    return figure
+
+
+def _draw_front(front: ExactFront) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(5.6, 4.0), layout="constrained", facecolor="w")
+    axes = figure.subplots()
+    distance = front.distance.numpy()
+    ratio = front.ratio.numpy()
+    low, high = np.nanquantile(np.where(np.isfinite(ratio), ratio, np.nan), [0.1, 0.9], axis=0)
+    axes.fill_between(distance, low, high, color=INK, alpha=0.08, lw=0)
+    axes.plot(distance, front.time_ratio, color=INK, lw=1.4, label="exact front (and of 80 % of the scenes)")
     axes.set_xlabel("least distance to the human [m]")
     axes.set_ylabel("time over the shortest path")
-    figure.legend(loc="outside upper center", ncols=2, frameon=False, fontsize=8)
     axes.grid(color="#e9eaec")
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    return figure
+    return figure, axes

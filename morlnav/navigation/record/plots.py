@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
 from morlnav.navigation.world.geometry import distance_to_box
-from morlnav.record.colours import INK, blend, objective_colours
+from morlnav.record.colours import COLOURS, INK, blend, objective_colours
 
 if TYPE_CHECKING:
     from morlnav.navigation.evaluation.rollout import Rollouts
@@ -36,13 +36,13 @@ LABELS = {
 
 
 def tour(num_objectives: int) -> list[tuple[int, int]]:
-    """Edges of the preference simplex, joined to a round trip that visits every corner.
+    """Edges of the preference simplex, joined to a round trip that visits every corner; of three Λ₁, Λ₂, Λ₃ (Fig. 3).
 
     >>> tour(2), tour(3)
-    ([(0, 1)], [(0, 1), (1, 2), (2, 0)])
+    ([(1, 0)], [(2, 1), (1, 0), (0, 2)])
     """
     n = num_objectives
-    return [(0, 1)] if n == 2 else [(i, (i + 1) % n) for i in range(n)]
+    return [(1, 0)] if n == 2 else [(i, (i - 1) % n) for i in reversed(range(n))]
 
 
 def edge_order(preferences: np.ndarray, edge: tuple[int, int]) -> np.ndarray:
@@ -70,7 +70,7 @@ def plot_trajectories(
         rollouts: batched ``[P, S]``; preferences off the edges are not drawn.
         objectives: names of the ``n`` tuneable objectives.
         scenes: indices of the scenes to show.
-        references: a path ``[L, 2]`` per scene of the roll-outs, drawn dotted, such as the oracle's; of several by the
+        references: a path ``[L, 2]`` per scene of the roll-outs, drawn black, such as the oracle's; of several by the
             name of their objective, those that an edge leads to.
         human_radius: in metres.
         robot_radius: in metres; drawn as a ring around the start.
@@ -106,11 +106,11 @@ def plot_trajectories(
         order = edge_order(preferences, edge)
         share = np.linspace(0, 1, 256)
         colormap = ListedColormap(blend(np.stack([1 - share, share], 1), [colours[i] for i in edge]))
-        for axes, scene in zip(grid[row], scenes, strict=True):
+        for column, (axes, scene) in enumerate(zip(grid[row], scenes, strict=True)):
             draw_scene(axes, rollouts.scene[0, scene], human_radius, robot_radius)
             for name, lines in named.items():
                 if len(named) == 1 or name in [objectives[i] for i in edge]:
-                    axes.plot(*lines[scene].cpu().T, color=INK, lw=1.2, ls=(0, (1, 1.5)), zorder=4)
+                    axes.plot(*lines[scene].cpu().T, color="k", lw=1.1, zorder=4)
             for index in order:
                 path = rollouts.pose[index, scene, : rollouts.steps[index, scene] + 1, :2].numpy()
                 colour = colormap(float(preferences[index, edge[1]]))
@@ -121,10 +121,10 @@ def plot_trajectories(
             middle = (low[1] + high[1]) / 2
             axes.set(xlim=(low[0], high[0]), ylim=(middle - height / 2, middle + height / 2), aspect="equal")
             if row == 0:
-                axes.set_title(f"scene {scene}", fontsize=10, color=INK)
+                axes.set_title(f"{'ABCDEFGHIJ'[column % 10]}) scene {scene}", fontsize=10, color=INK)
             if row == len(edges) - 1:
                 axes.set_xlabel("x [m]", fontsize=9)
-        grid[row, 0].set_ylabel("y [m]", fontsize=9)
+        grid[row, 0].set_ylabel(f"$\\Lambda_{{{row + 1}}}$      y [m]", fontsize=9)
         _colour_bar(grid[row, -1], colormap, [objectives[i] for i in edge])
     _scene_legend(figure, bool((rollouts.outcome[:, list(scenes)] > 1).any()), bool(named))
     return figure
@@ -181,7 +181,7 @@ def _scene_legend(figure: Figure, collisions: bool, with_reference: bool) -> Non
     if collisions:
         handles.append(Line2D([], [], marker="x", color=INK, ms=6, mew=1.6, lw=0, label="collision"))
     if with_reference:
-        handles.append(Line2D([], [], color=INK, lw=1.2, ls=(0, (1, 1.5)), label="demonstration"))
+        handles.append(Line2D([], [], color="k", lw=1.1, label="demonstration"))
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=9)
 
 
@@ -242,7 +242,9 @@ def plot_metrics(
         axes.set_ylabel(LABELS.get(metric, metric).replace(" [", "\n["), fontsize=9, color=INK)
         axes.set_title(f"{letter})", loc="left", fontsize=9, color=INK, pad=2)
         if baseline is not None and metric in baseline:
-            axes.axhline(float(baseline[metric].iloc[0]), color=HUMAN, lw=1.2, ls=(0, (1, 1.5)))
+            label = "agent without preferences"
+            axes.axhline(float(baseline[metric].iloc[0]), color=HUMAN, lw=1.2, ls=(0, (1, 1.5)), label=label)
+            figure.legends or figure.legend(loc="outside upper right", frameon=False, fontsize=8)
         _tidy(axes)
         if comparisons is not None:
             _draw_stars(axes, comparisons[comparisons["metric"] == metric], begins, [edge for edge, _ in edges], names)
@@ -253,6 +255,7 @@ def plot_metrics(
             panels[-1].fill_between(x, bottom, bottom + share, color=colour, lw=0, antialiased=False)
             bottom += share
     corners = [edge[0] for edge, _ in edges] + [edge[1] for edge, _ in edges[-1:]]
+    panels[-1].set_title(f"{'abcdefghijk'[len(metrics)]})", loc="left", fontsize=9, color=INK, pad=2)
     panels[-1].set(ylim=(0, 1), yticks=[], xlim=(begins[0] - 0.3, begins[-1] + 0.3))
     panels[-1].set_xticks(begins, [names[i] for i in corners], fontsize=9)
     panels[-1].set_ylabel("λ", rotation=0, va="center", labelpad=12, color=INK)
@@ -260,6 +263,33 @@ def plot_metrics(
     panels[-1].spines[:].set_visible(False)
     for label, corner in zip(panels[-1].get_xticklabels(), corners, strict=True):
         label.set(color=colours[corner], fontweight="bold")
+    return figure
+
+
+def plot_studies(*tables: pd.DataFrame) -> Figure:
+    """What a clone is worth over noise and over the number of demonstrations, in the style of Fig. 2.
+
+    Args:
+        tables: of ``morlnav-clone``, a panel each: ``epsilon`` or ``demonstrations`` first, then ``baseline`` with its
+            interval, and ``demonstrator``.
+
+    Examples:
+        >>> row = {"epsilon": 0.0, "baseline": 0.9, "baseline_low": 0.8, "baseline_high": 1.0, "demonstrator": 0.95}
+        >>> len(plot_studies(pd.DataFrame([row])).axes)
+        1
+    """
+    figure = Figure(figsize=(4.4 * len(tables), 3.0), layout="constrained", facecolor="w")
+    for axes, table, letter in zip(figure.subplots(1, len(tables), squeeze=False)[0], tables, "ab", strict=False):
+        name, colour = table.columns[0], COLOURS["demo"]
+        axes.axhline(table["demonstrator"].iloc[0], color=INK, lw=1, ls=(0, (1, 1.5)), label="demonstrator")
+        axes.fill_between(table[name], table["baseline_low"], table["baseline_high"], color=colour, alpha=0.2, lw=0)
+        axes.plot(table[name], table["baseline"], "o-", color=colour, ms=4, label="clone")
+        label = {"epsilon": "noise ε", "demonstrations": "demonstrations $N_D$"}[name]
+        scale = "log" if name == "demonstrations" else "linear"
+        axes.set(xlabel=label, ylabel="normalised baseline return", xscale=scale)
+        axes.set_title(f"{letter})" if len(tables) > 1 else "", loc="left", fontsize=9, color=INK, pad=2)
+        axes.legend(frameon=False, fontsize=8)
+        _tidy(axes)
     return figure
 
 
@@ -272,7 +302,7 @@ def _draw_stars(
     y, tip = high + 0.05 * (high - low), 0.04 * (high - low)
     for edge, left, right in zip(edges, begins, begins[1:], strict=False):
         test = tests[(tests["first"] == names[edge[0]]) & (tests["second"] == names[edge[1]])]
-        if len(test):
+        if len(test) and test["stars"].iloc[0]:
             x = [left + 0.15, left + 0.15, right - 0.15, right - 0.15]
             axes.plot(x, [y - tip, y, y, y - tip], color=INK, lw=0.8)
             axes.text((left + right) / 2, y, test["stars"].iloc[0], ha="center", va="bottom", fontsize=9, color=INK)

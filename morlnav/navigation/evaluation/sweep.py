@@ -1,0 +1,311 @@
+"""What a sweep says in numbers: the paper's Table I, and scores over seeds, from files that its runs keep."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+
+from morlnav.analysis import Runs, load_settings
+from morlnav.evaluation import preference_label
+from morlnav.evaluation.seeds import holm, mean_interval, stars
+from morlnav.navigation.evaluation.possible import EDGE, ExactFront, possible_table
+from morlnav.navigation.evaluation.report import PLOTTED
+from morlnav.navigation.evaluation.statistics import ONLY_SUCCESS, compare_extremes, fidelity, tuneable_objectives
+
+TABLE_ONE = {
+    "SR": ("SR %", 1, ""),
+    "CR": ("CR %", 1, ""),
+    "TR": ("TR %", 1, ""),
+    "min_human_distance": ("min d_h m", 2, "distance"),
+    "frechet": ("Fréchet m", 2, "demo"),
+    "navigation_time": ("time s", 1, "efficiency"),
+}
+"""Metrics of Table I: heading, digits, and the objective that has all weight; without one all λ count."""
+
+PAPER = {
+    "our": ("OUR", (100, 0, 0, 1.18, 0.41, 17.3)),
+    "no_human": ("-NH", (96.8, 2.7, 0.5, 0.52, 0.57, 16.9)),
+    "state_reward": ("-RM", (100, 0, 0, 1.16, 0.46, 17.4)),
+    "no_human,state_reward": ("-RM-NH", (79.6, 11.4, 9.0, 0.48, 0.49, 19.2)),
+    "gamma_099": ("-γ", (96.0, 4.0, 0.0, 1.22, 0.50, 18.3)),
+    "baseline": ("baseline agent", (97, np.nan, np.nan, 0.64, np.nan, np.nan)),
+}
+"""What the paper calls a word of the group ``ablation``, and its numbers (Table I, Sec. IV-C.1)."""
+
+
+ENDS = ("", "_low", "_high")
+"""After the name of a metric: its mean, and the ends of the interval."""
+
+
+class Sweep:
+    """The evaluations that the runs of a sweep keep; nothing is driven again, and nothing is unpickled.
+
+    Args:
+        source: a sweep's directory, or run directories.
+
+    Attributes:
+        runs: a row per evaluated run, as of :func:`~morlnav.analysis.load_settings`; no setting has a seed twice.
+        notes: sentences on what is missing.
+
+    Raises:
+        FileNotFoundError: if there are no runs, or none of them is evaluated.
+        ValueError: if a file is damaged; the sentence names it.
+
+    Examples:
+        >>> sweep = Sweep("results/two_styles")
+        >>> sweep.settings, sweep.runs["seed"].tolist()
+        (['our'], [0, 1])
+    """
+
+    def __init__(self, source: Runs) -> None:
+        runs = load_settings(source)
+        done = runs["path"].map(lambda path: (path / "evaluation" / "front.csv").is_file())
+        again = runs[done].duplicated(["setting", "seed"]).reindex(runs.index, fill_value=False)
+        if not done.any():
+            raise FileNotFoundError(
+                f"None of the runs {', '.join(runs['run'])} is evaluated; finish one, or use morlnav-evaluate."
+            )
+        self.runs = runs[done & ~again].reset_index(drop=True)
+        self.settings = list(self.runs["setting"].unique())
+        self.notes = [
+            f"Run {run.run} ({run.setting}, seed {run.seed}) has no evaluation." for run in _rows(runs[~done])
+        ]
+        self.notes += [
+            f"Run {run.run} repeats seed {run.seed} of {run.setting}: left out." for run in _rows(runs[again])
+        ]
+        seeds = self.runs["setting"].value_counts(sort=False)
+        if single := list(seeds.index[seeds == 1]):
+            self.notes.append(f"A single seed has neither intervals nor tests: {', '.join(single)}.")
+        there = {paper_name(setting) for setting in self.settings}
+        absent = [word for word, (name, _) in PAPER.items() if name not in there]
+        if self.summaries and 0 < len(absent) < len(PAPER):
+            words = ",".join(f"[{word}]" if "," in word else word for word in absent)
+            self.notes.append(f"The sweep lacks agents of the paper: ablation={words}.")
+        if self.summaries and self.front is None:
+            self.notes.append("No run keeps evaluation/exact_front.csv; morlnav-evaluate RUN_DIR writes it.")
+
+    @cached_property
+    def fronts(self) -> dict[str, pd.DataFrame]:
+        """``front.csv`` of every run."""
+        return {run.run: read_table(run.path / "evaluation" / "front.csv", ["utility"]) for run in _rows(self.runs)}
+
+    @cached_property
+    def summaries(self) -> dict[str, pd.DataFrame]:
+        """``summary.csv`` of the runs that navigate."""
+        files = {run.run: run.path / "evaluation" / "summary.csv" for run in _rows(self.runs)}
+        columns = ["preference", "SR", "CR", "TR", "min_human_distance", "navigation_time", "time_ratio", "spl"]
+        return {run: read_table(file, columns) for run, file in files.items() if file.is_file()}
+
+    @cached_property
+    def agent(self) -> str:
+        """The setting that figures show: ``our``, or else the first that several preferences steer."""
+        steered = [name for name in self.settings if len(next(iter(self.of(name, self.fronts)))) > 1]
+        return "our" if "our" in steered else (steered or self.settings)[0]
+
+    @cached_property
+    def baseline(self) -> str | None:
+        """The first setting without preferences, which navigates under a single one."""
+        return next(
+            (name for name in self.settings if all(len(one) == 1 for one in self.of(name, self.summaries))), None
+        )
+
+    def of(self, setting: str, tables: dict[str, pd.DataFrame]) -> list[pd.DataFrame]:
+        """The tables of a setting's runs, as far as there are any."""
+        return [tables[run] for run in self.runs.loc[self.runs["setting"] == setting, "run"] if run in tables]
+
+    @cached_property
+    def front(self) -> ExactFront | None:
+        """The exact front that the first run with one keeps."""
+        files = [path / "evaluation" / "exact_front.csv" for path in self.runs["path"]]
+        file = next((file for file in files if file.is_file()), None)
+        if file is None:
+            return None
+        table = read_table(file, ["scene", "distance", "length"])
+        lengths = table.pivot_table(index="scene", columns="distance", values="length", dropna=False).fillna(np.inf)
+        return ExactFront(torch.tensor(lengths.columns.to_numpy(float)), torch.tensor(lengths.to_numpy(float)), [])
+
+    @cached_property
+    def possible(self) -> dict[str, pd.DataFrame]:
+        """Every run beside the exact front (see :func:`possible_table`), if it drove in the front's scenes."""
+        return (
+            {}
+            if self.front is None
+            else {run: table for run in self.summaries if (table := self._beside(run)) is not None}
+        )
+
+    def _beside(self, run: str) -> pd.DataFrame | None:
+        path = self.runs.set_index("run").loc[run, "path"]
+        episodes = read_table(path / "evaluation" / "episodes.csv", ["scene", "shortest_path"])
+        shortest = episodes.groupby("scene")["shortest_path"].first().to_numpy()
+        known = self.front.length[:, 0].numpy()
+        if shortest.shape != known.shape or not np.allclose(shortest, known, rtol=1e-3):
+            self.notes.append(f"Run {run} drove in other scenes than those of the exact front.")
+            return None
+        summary = self.summaries[run]
+        weights = [f"lambda_{name}" for name in tuneable_objectives(summary)]
+        if len(summary) == 1:  # without preferences it is a point of any front
+            return possible_table(self.front, summary.drop(columns=weights))
+        return possible_table(self.front, summary) if set(EDGE) <= set(tuneable_objectives(summary)) else None
+
+    def table_one(self) -> pd.DataFrame:
+        """Table I: a row per setting and metric of :data:`TABLE_ONE`.
+
+        Returns:
+            Columns ``setting``, ``metric``, ``seeds`` (that have such a number), ``mean``, ``low`` and ``high`` (95 %
+            interval over seeds, rates within 0 and 100), and ``paper``, the paper's number.
+        """
+        rows = []
+        for name in self.settings:
+            published = next((numbers for _, numbers in _published(name)), [np.nan] * 6)
+            for (metric, (*_, objective)), paper in zip(TABLE_ONE.items(), published, strict=True):
+                values = [_measure(summary, metric, objective) for summary in self.of(name, self.summaries)]
+                mean, *ends = mean_interval(values)
+                low, high = np.clip(ends, 0, 100 if metric in ("SR", "CR", "TR") else np.inf)
+                cell = {"seeds": int(np.isfinite(values).sum()), "mean": mean, "low": low, "high": high, "paper": paper}
+                rows.append({"setting": name, "metric": metric, **cell})
+        return pd.DataFrame(rows)
+
+    def scores(self) -> pd.DataFrame:
+        """What settings are compared by, each better the larger it is.
+
+        ``success`` (share of episodes) and ``SPL`` under every λ; ``fidelity``: rank correlation of a weight with the
+        metric that it should move, along each edge of the simplex, 0 where nothing moves; and ``front share``, how much
+        of the exact front is reached. Of other tasks ``utility`` under every λ and ``hypervolume``.
+
+        Returns:
+            Columns ``score``, ``setting``, ``run``, ``task`` and ``value``, as :func:`aggregate_scores` takes them. An
+            agent without preferences does the same for every λ.
+        """
+        rows = [row for run in _rows(self.runs) for row in self._scores_of(run.run, run.setting)]
+        table = pd.DataFrame(rows, columns=["score", "setting", "run", "task", "value"]).dropna()
+        order = ["success", "SPL", "fidelity", "front share", "utility", "hypervolume"]
+        return table.sort_values("score", key=lambda name: name.map(order.index), kind="stable", ignore_index=True)
+
+    def _scores_of(self, run: str, setting: str) -> list[tuple]:
+        front, summary = self.fronts[run], self.summaries.get(run)
+        if summary is None:
+            rows = [("utility", task, value) for task, value in zip(_labels(front), front["utility"], strict=True)]
+            if "hypervolume" in front:
+                rows.append(("hypervolume", "", front["hypervolume"].iloc[0]))
+            return [(score, setting, run, task, value) for score, task, value in rows]
+        tasks = _labels(summary)
+        if len(summary) == 1:
+            tasks = list(dict.fromkeys(task for each in self.of(self.agent, self.summaries) for task in _labels(each)))
+            summary = summary.loc[summary.index.repeat(len(tasks))]
+        rows = [("success", task, value / 100) for task, value in zip(tasks, summary["SR"], strict=True)]
+        rows += [("SPL", task, value) for task, value in zip(tasks, summary["spl"], strict=True)]
+        if run in self.possible:
+            rows.append(("front share", "", self.possible[run]["front_share"].iloc[0]))
+        if len(self.summaries[run]) > 1:
+            ranks = fidelity(summary.assign(success=True))
+            rows += [
+                ("fidelity", f"{r.objective} against {r.versus}", np.nan_to_num(r.edge_spearman)) for r in _rows(ranks)
+            ]
+        return [(score, setting, run, task, value) for score, task, value in rows]
+
+    def over_preferences(self) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Fig. 4 of :attr:`agent`: metrics under every λ, and t-tests between the extreme preferences.
+
+        Returns:
+            A summary with means and 95 % intervals over seeds, or over episodes for a single seed; and tests as of
+            :func:`compare_extremes` between scenes, each a mean over seeds, with ``p_holm``, Holm's correction for all
+            pairs and metrics, from which the ``stars`` are, and the same between seeds in ``p_seeds``.
+        """
+        tables = self.of(self.agent, self.summaries)
+        metrics = [name for name in PLOTTED if all(name in table for table in tables)]
+        weights = [f"lambda_{name}" for name in tuneable_objectives(tables[0])]
+        paths = self.runs.loc[self.runs["setting"] == self.agent, "path"]
+        files = [path / "evaluation" / "episodes.csv" for path in paths]
+        episodes = pd.concat([read_table(file, [*weights, *metrics, "scene", "success"]) for file in files])
+        late = [name for name in metrics if name in ONLY_SUCCESS]
+        episodes[late] = episodes[late].where(episodes["success"].astype(bool))
+        scenes = episodes.groupby([*weights, "scene"], as_index=False)[metrics].mean()
+        seeds = pd.concat(tables, ignore_index=True)
+        tests = _test_extremes(scenes, metrics)
+        tests["p_seeds"] = _test_extremes(seeds, metrics)["p_holm"]
+        if len(tables) == 1:
+            return tables[0], tests
+        rows = []
+        for point, group in seeds.groupby(weights, sort=False):
+            ends = {name: np.maximum(mean_interval(group[name]), 0) for name in metrics}  # no distance is below 0
+            named = [
+                (f"{name}{end}", value) for name, row in ends.items() for end, value in zip(ENDS, row, strict=True)
+            ]
+            rows.append(dict(zip(weights, point, strict=True)) | dict(named))
+        return pd.DataFrame(rows), tests
+
+    def without_preferences(self) -> pd.DataFrame | None:
+        """Means over the seeds of the agent without preferences in one row, for the dotted line of Fig. 4."""
+        if self.baseline is None:
+            return None
+        return pd.concat(self.of(self.baseline, self.summaries)).mean(numeric_only=True).to_frame().T
+
+
+def read_table(file: Path, columns: list[str]) -> pd.DataFrame:
+    """A kept CSV file as numbers.
+
+    Raises:
+        ValueError: if the file is no table, or one of the columns is missing or holds no numbers; it is named.
+    """
+    try:
+        table = pd.read_csv(file)
+    except (ValueError, OSError) as error:  # pandas' own errors are ValueErrors, too
+        raise ValueError(f"{file} cannot be read as a table: {error}") from error
+    if missing := [name for name in columns if name not in table]:
+        raise ValueError(f"{file} has no column {missing[0]}; write it anew with morlnav-evaluate.")
+    if not len(table):
+        raise ValueError(f"{file} has no rows; write it anew with morlnav-evaluate.")
+    weights = [name for name in table if name.startswith("lambda_")]
+    for name in [*columns, *weights]:
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            raise ValueError(f"{file} holds something else than numbers in the column {name}.")
+    return table
+
+
+def _measure(summary: pd.DataFrame, metric: str, objective: str) -> float:
+    """A metric of one run where the objective has all weight; without one, over all λ."""
+    if metric not in summary:
+        return np.nan
+    weight = summary.get(f"lambda_{objective}")
+    if not objective or len(summary) == 1:
+        return summary[metric].mean()
+    return np.nan if weight is None else summary.loc[np.isclose(weight, 1, atol=1e-5), metric].mean()
+
+
+def _test_extremes(sample: pd.DataFrame, metrics: list[str]) -> pd.DataFrame:
+    """:func:`compare_extremes` with Holm's correction for all metrics and pairs, which are there in both orders."""
+    tests = compare_extremes(sample.assign(success=True), metrics)
+    once = tests["first"] < tests["second"]
+    tests.loc[once, "p_holm"] = holm(tests.loc[once, "p"])
+    pair = tests[["first", "second"]].apply(lambda row: " ".join(sorted(row)), axis=1)
+    tests["p_holm"] = tests.groupby(["metric", pair])["p_holm"].transform("max")
+    return tests.assign(stars=tests["p_holm"].map(stars))
+
+
+def _labels(table: pd.DataFrame) -> list[str]:
+    names = tuneable_objectives(table)
+    return [preference_label(names, row) for row in table[[f"lambda_{name}" for name in names]].to_numpy().tolist()]
+
+
+def paper_name(setting: str) -> str | None:
+    """What the paper calls a setting; ``None`` for one that it does not have.
+
+    >>> paper_name("state_reward,no_human"), paper_name("no_angle")
+    ('-RM-NH', None)
+    """
+    return next((name for name, _ in _published(setting)), None)
+
+
+def _published(setting: str) -> list[tuple[str, tuple[float, ...]]]:
+    """Name and numbers in the paper of a setting, whose words may come in any order."""
+    words = sorted(setting.split(","))
+    return [entry for word, entry in PAPER.items() if sorted(word.split(",")) == words]
+
+
+def _rows(table: pd.DataFrame) -> list[Any]:
+    return list(table.itertuples())

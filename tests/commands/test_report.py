@@ -1,0 +1,181 @@
+"""The report on a sweep: of a real one in seconds, and of numbers made up to be known."""
+
+import re
+import sys
+
+import pandas as pd
+import pytest
+import scipy
+import torch
+import yaml
+from support import BRIEF, SMALL
+
+from morlnav.commands import report, train
+from morlnav.navigation.evaluation.sweep import Sweep
+from morlnav.runs import Run
+
+SHORT = (
+    "trainer.total_frames=64",
+    "collector.init_random_frames=32",
+    "rewards.audit=null",
+    *(word for word in BRIEF if "audit" not in word),
+)
+DISTANCES = {0: 1.1, 1: 1.3, 2: 1.5}
+
+
+@pytest.fixture(scope="module")
+def sweep(tmp_path_factory):
+    """Two agents with two seeds each, the second one without preferences."""
+    folder = tmp_path_factory.mktemp("sweep")
+    words = [f"hydra.sweep.dir={folder}", f"cache={folder / 'cache'}", "ablation=our,baseline", "seed=0,1"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HYDRA_FULL_ERROR", "")
+        patch.delenv("HYDRA_FULL_ERROR")
+        patch.syspath_prepend(folder)
+        patch.setattr(sys, "argv", ["morlnav-train", "-m", *SMALL, *SHORT, *words])
+        train.main()
+    return folder
+
+
+def test_the_report_on_a_sweep_has_all_tables_and_figures(sweep, tmp_path, monkeypatch, capsys):
+    (tmp_path / "fig2.png").touch()  # of an earlier report
+    monkeypatch.setattr(sys, "argv", ["morlnav-report", str(sweep), "--output", str(tmp_path), "--scenes", "2"])
+    report.main()
+    tables, figures = ("table1", "extremes", "scores", "comparisons"), ("fig3", "fig4", "fronts", "intervals")
+    files = {f"{name}{kind}" for name in tables for kind in (".csv", ".tex")} | {f"{name}.png" for name in figures}
+    assert {path.name for path in tmp_path.iterdir()} == files | {"report.md"}
+    page, told = (tmp_path / "report.md").read_text(), capsys.readouterr().out
+    assert set(re.findall(r"\]\((.+?\.png)\)", page)) == {f"{name}.png" for name in figures}
+    for row in (
+        "| our | 2 |",
+        "| paper: OUR | 1 | 100.0 |",
+        "| baseline | 2 |",
+        "| paper: baseline agent | 1 | 97.0 |",
+    ):
+        assert row in page
+    for sentence in (
+        "The sweep lacks agents of the paper: ablation=no_human,state_reward,[no_human,state_reward],gamma_099.",
+        "No Fig. 2a: `morlnav-clone noise",
+        "No learning curves: the logs hold none of evaluation/success",
+    ):
+        assert sentence in page
+        assert sentence in told
+    scores = pd.read_csv(tmp_path / "scores.csv").set_index(["score", "setting"])["seeds"]
+    assert scores.loc["front share"].to_dict() == {"our": 2, "baseline": 2}
+    assert scores.loc["fidelity"].to_dict() == {"our": 2}  # nothing steers the other one
+    table = pd.read_csv(tmp_path / "table1.csv").set_index(["setting", "metric"])
+    assert table.loc["baseline"]["mean"].drop("navigation_time").notna().all()
+
+
+def test_the_agent_without_preferences_learns_from_the_baseline_alone_and_is_the_dotted_line(sweep):
+    made = report.Report([sweep])
+    alone = Run(made.sweep.runs.set_index("setting")["path"]["baseline"].iloc[0])
+    assert alone.policy.objectives == ("demo",)
+    assert alone.evaluation.scalarisation(torch.ones(1, 1), 2).tolist() == [[1.0, 0.0]]
+    assert [text.get_text() for text in made.metrics().legends[0].get_texts()] == ["agent without preferences"]
+
+
+def test_the_latex_is_a_table_with_escaped_names(sweep):
+    for name in (made := report.Report([sweep])).tables:
+        text = report._latex(made.readable(name))
+        assert text.startswith(r"\begin{tabular}")
+        assert text.rstrip().endswith(r"\end{tabular}")
+        rows = [line for line in text.splitlines() if line.endswith(r"\\")]
+        assert len({line.count(" & ") for line in rows}) == 1
+        assert not re.search(r"(?<!\\)[_%#]", text)
+        assert not set(text) & set("λγ–")
+
+
+def keep(run, ablation, seed, distance, **more):
+    """A run that keeps its words and an evaluation: two preferences, three episodes each."""
+    (run / ".hydra").mkdir(parents=True)
+    (run / "evaluation").mkdir()
+    (run / "config.yaml").write_text(yaml.safe_dump({"seed": seed, "ablated": ablation}))
+    (run / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump([f"ablation={ablation}", f"seed={seed}"]))
+    summary = pd.DataFrame({"preference": [0, 1], "lambda_distance": [1.0, 0.0], "lambda_efficiency": [0.0, 1.0]})
+    summary = summary.assign(SR=[100.0, 90.0], CR=0.0, TR=[0.0, 10.0], min_human_distance=[distance, 0.5])
+    summary = summary.assign(navigation_time=[20.0, 17.0], time_ratio=[1.2, 1.0], spl=0.9, min_obstacle_distance=0.4)
+    summary.assign(**more).to_csv(run / "evaluation" / "summary.csv", index=False)
+    episodes = summary.loc[summary.index.repeat(3)].assign(scene=[0, 1, 2] * 2, success=True, shortest_path=8.0)
+    episodes.to_csv(run / "evaluation" / "episodes.csv", index=False)
+    summary[["lambda_distance", "lambda_efficiency"]].assign(utility=1.0).to_csv(run / "evaluation" / "front.csv")
+    return run
+
+
+def test_table_one_holds_means_and_intervals_over_seeds_beside_the_papers_numbers(tmp_path):
+    for seed, distance in DISTANCES.items():
+        keep(tmp_path / f"{seed}", "our", seed, distance)
+    keep(tmp_path / "3", "[state_reward,no_human]", 0, 0.7)
+    table = Sweep(tmp_path).table_one().set_index(["setting", "metric"])
+    row = table.loc[("our", "min_human_distance")]
+    expected = scipy.stats.t.interval(0.95, 2, 1.3, scipy.stats.sem(list(DISTANCES.values())))
+    assert row[["seeds", "mean", "low", "high", "paper"]].tolist() == pytest.approx([3, 1.3, *expected, 1.18])
+    assert table.loc[("our", "navigation_time"), "mean"] == 17.0  # with all weight on efficiency
+    assert table.loc[("our", "SR"), "mean"] == 95.0  # over all preferences
+    assert pd.isna(table.loc[("our", "frechet"), "mean"])  # nobody demonstrated
+    assert table.loc[("state_reward,no_human", "SR"), "paper"] == 79.6  # in any order
+
+
+def test_a_sweep_says_what_is_missing(tmp_path):
+    keep(tmp_path / "0", "our", 0, 1.1)
+    keep(tmp_path / "1", "our", 0, 1.2)
+    unfinished = tmp_path / "2"
+    unfinished.mkdir()
+    (unfinished / "config.yaml").write_text("{seed: 1, ablated: our}")
+    sweep = Sweep(tmp_path)
+    assert sweep.runs["run"].tolist() == ["0"]
+    assert sweep.notes[:3] == [
+        "Run 2 (our, seed 1) has no evaluation.",
+        "Run 1 repeats seed 0 of our: left out.",
+        "A single seed has neither intervals nor tests: our.",
+    ]
+    assert any("No run keeps evaluation/exact_front.csv" in note for note in sweep.notes)
+
+
+def test_stars_are_corrected_and_no_interval_leaves_what_can_be(tmp_path):
+    for seed, distance in DISTANCES.items():
+        keep(tmp_path / f"{seed}", "our", seed, distance)
+    summary, tests = Sweep(tmp_path).over_preferences()
+    assert summary["min_human_distance"].tolist() == pytest.approx([1.3, 0.5])
+    assert (summary["min_human_distance_low"] >= 0).all()
+    row = tests[tests["metric"] == "min_human_distance"].iloc[0]
+    first = list(DISTANCES.values())
+    p = scipy.stats.ttest_ind_from_stats(1.3, scipy.stats.tstd(first), 3, 0.5, 0.0, 3, equal_var=False).pvalue
+    assert row["p_seeds"] == pytest.approx(2 * p)  # time differs more surely, obstacles not at all
+    assert tests.groupby("metric")["p_holm"].nunique().eq(1).all()  # in both orders
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (
+            lambda run: (run / "config.yaml").unlink(),
+            r"holds no runs: neither it nor a folder in it has a config\.yaml",
+        ),
+        (lambda run: (run / "evaluation" / "front.csv").unlink(), "None of the runs 0 is evaluated"),
+        (lambda run: (run / "evaluation" / "front.csv").write_text(""), r"front\.csv cannot be read as a table"),
+        (lambda run: (run / "evaluation" / "front.csv").write_text("a\n1"), r"front\.csv has no column utility"),
+        (lambda run: keep(run / "0", "our", 0, "far"), r"summary\.csv .* numbers in the column min_human_distance"),
+    ],
+)
+def test_a_wrong_directory_ends_in_one_sentence(spoil, sentence, tmp_path, monkeypatch):
+    run = keep(tmp_path / "0", "our", 0, 1.1) if "keep" not in spoil.__code__.co_names else tmp_path
+    spoil(run)
+    monkeypatch.setattr(sys, "argv", ["morlnav-report", str(tmp_path), "--output", str(tmp_path / "report")])
+    with pytest.raises(SystemExit, match=sentence) as error:
+        report.main()
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "report").exists()
+
+
+def test_other_tasks_are_compared_by_utility_and_hypervolume(tmp_path):
+    for number, (ablation, seed) in enumerate([("our", 0), ("our", 1), ("no_angle", 0), ("no_angle", 1)]):
+        run = keep(tmp_path / f"{number}", ablation, seed, 1.0)
+        (run / "evaluation" / "summary.csv").unlink()
+        front = pd.read_csv(run / "evaluation" / "front.csv").assign(hypervolume=10.0 * number)
+        front.to_csv(run / "evaluation" / "front.csv", index=False)
+    made = report.Report([tmp_path])
+    table = made.tables["comparisons"].set_index("score")
+    assert table["difference"].to_dict() == {"utility": 0.0, "hypervolume": -20.0}
+    assert sorted(made.tables) == ["comparisons", "scores"]
+    assert made.write(tmp_path / "report").read_text().count("png") == 1

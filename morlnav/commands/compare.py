@@ -36,7 +36,7 @@ def prepare(run: Run, folder: Path, pairs: int = 30, scenes: int = 10, steps: in
     env = evaluation.env
     settings = {"world": env.world, "observe_human": env.observe_human, "max_steps": evaluation.max_steps}
     data = record_styles(run.policy, evaluation.scenes(scenes, seed), preferences, **settings)
-    save_demonstrations(data, folder, {"policy": str(run.directory), "preferences": preferences.tolist()})
+    save_demonstrations(data, folder, {"policy": str(run.directory), "preferences": preferences.tolist()}, env.world)
     write_page(data, drawn, folder / "compare.html", env.world)
     return folder / "compare.html"
 

@@ -91,7 +91,7 @@ class Reading:
         human: ``(x, y)`` in metres, in the place of columns; ``"scan"``: of a bag, where its scans see one.
         robot: id of the track that drives, of a file of several tracks; see ``person``.
         person: id of the track that stands in the way.
-        max_gap: longest time without a sample, in seconds.
+        max_gap: longest time without a sample, in seconds (1 by default).
 
     Raises:
         ValueError: for names and units that nothing is known of.
@@ -115,7 +115,7 @@ class Reading:
     human: tuple[float, float] | Literal["scan"] | None = None
     robot: str | None = None
     person: str | None = None
-    max_gap: float = 1.0
+    max_gap: float | None = None
 
     def __post_init__(self) -> None:
         for name in self.columns:

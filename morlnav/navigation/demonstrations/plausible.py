@@ -37,7 +37,7 @@ def check_times(file: Trajectories, number: int, reading: Reading) -> None:
             f"{file.table.at(row)}, column time: expected more than {file.time[before]:g} s, the time of the row "
             f"before, got {file.time[row]:g} s; {guess}"
         )
-    largest = max(reading.max_gap, 2.5 * float(np.median(step)) if len(step) else 0)
+    largest = max(reading.max_gap or 1.0, 2.5 * float(np.median(step)) if len(step) else 0)
     gaps = np.flatnonzero(step > largest)
     if file.kind == "pose" and len(gaps) and np.median(step) <= LONG_STEP:
         raise ValueError(

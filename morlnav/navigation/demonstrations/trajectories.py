@@ -44,7 +44,7 @@ def import_demonstrations(
     reading: Reading | None = None,
     world: World | None = None,
     objectives: Mapping[str, Objective] | None = None,
-    tolerance: float = 0.2,
+    tolerance: float | None = None,
     good_only: bool = False,
     tell: Callable[[str], None] = print,
 ) -> TensorDict:
@@ -61,7 +61,8 @@ def import_demonstrations(
         reading: what is known beforehand about columns, units and all else.
         world: the engine; tensors by default.
         objectives: reward terms by name as for :class:`~morlnav.navigation.envs.NavigationEnv`.
-        tolerance: how far from a pose of the file the robot may get, in metres; twice as many radians in heading.
+        tolerance: how far from a pose of the file the robot may get, in metres (0.2 by default);
+            twice as many radians in heading.
         good_only: leave out the episodes that cannot be taken, instead of refusing them all.
         tell: called with a line for each file, which says what was read, assumed and left out.
 
@@ -94,7 +95,9 @@ def import_demonstrations(
     parts = []
     for each in paths:
         file = read_trajectories(each, reading, getattr(world.robot, "max_speed", np.inf))
-        drives = _drive_again(file, world, objectives, tolerance)
+        if file.kind == "action" and tolerance is not None:
+            raise ValueError(f"{each} holds actions, which are driven as they are; leave the tolerance out.")
+        drives = _drive_again(file, world, objectives, 0.2 if tolerance is None else tolerance)
         _refuse(file, good_only)
         parts.append(join_demonstrations([drive.data for drive in drives]))
         tell(_told(file, drives))

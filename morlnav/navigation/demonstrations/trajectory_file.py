@@ -125,8 +125,8 @@ def _assemble(table: Table, columns: Columns, reading: Reading, max_speed: float
     kind = _kind(table, columns)
     if reading.human == "scan":
         raise ValueError(f"{table.path} is no bag, whose scans could show the human; give --human X Y.")
-    if kind == "action" and (reading.heading or reading.goal == "end"):
-        raise ValueError(f"{table.path} holds actions, for which headings and ends are not told; leave them out.")
+    if kind == "action" and (reading.heading or reading.goal == "end" or reading.max_gap is not None):
+        raise ValueError(f"{table.path} holds actions, for which headings, ends and gaps are not told; leave them out.")
     ids = columns.ids()
     episode, names = pd.factorize(ids) if ids is not None else (np.zeros(len(table.row), int), ["0"])
     names = [str(name) for name in names]

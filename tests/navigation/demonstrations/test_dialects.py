@@ -629,3 +629,15 @@ def test_a_kilohertz_in_milliseconds_and_millimetres_is_no_slow_drive_over_kilom
     fine, lengths = bump(1000), [name for name in TRUTH if name not in ("time", "heading")]
     frame = fine.assign(time=1000 * fine["time"], **1000 * fine[lengths])
     refused(write(frame, tmp_path), "is time in milliseconds?", "--units time=ms length=mm")
+
+
+def test_what_actions_have_no_use_for_is_refused(tmp_path):
+    rows = ["t,v,omega,start_x,start_y,start_heading,goal_x,goal_y,human_x,human_y"]
+    rows += [f"{0.2 * i},0.5,0,0,0,0,2,0,1,1" for i in range(20)]
+    file = tmp_path / "actions.csv"
+    file.write_text("\n".join(rows))
+    assert len(import_demonstrations(file, tell=lambda line: None)) == 17
+    with pytest.raises(ValueError, match="leave the tolerance out"):
+        import_demonstrations(file, tolerance=0.1)
+    with pytest.raises(ValueError, match="leave them out"):
+        import_demonstrations(file, reading=Reading(max_gap=2))

@@ -190,7 +190,7 @@ def test_an_arc_in_a_file_is_the_action_that_drove_it(tmp_path, pose, speed, tur
     time = torch.arange(0, 5, 1 / rate, dtype=torch.float64)
     driven = robot.move(pose.expand(len(time), 3), action.expand(len(time), 2), time).numpy()
     goal = robot.move(pose, action, float(time[-1]))[:2].numpy()
-    aside = goal + 40.0
+    aside = goal + 8.0
     frame = pd.DataFrame({"time": time, "x": driven[:, 0], "y": driven[:, 1], "heading": np.unwrap(driven[:, 2])})
     frame = frame.assign(goal_x=goal[0], goal_y=goal[1], human_x=aside[0], human_y=aside[1])
     frame.to_csv(tmp_path / "drive.csv", index=False)

@@ -148,10 +148,10 @@ def _read(path: str | Path) -> dict[str, Any]:
         whole = set(content) <= set(read) or content.get(OF_THE_REST) == _digest(read)  # the first files had no hash
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{description} does not describe a saved module; save it again.") from error
-    if not whole:
-        raise ValueError(f"{description} is damaged: it does not hold what was saved.")
     if "_target_" not in read["model"]:
         raise ValueError(f"{description} was made by morlnav 0.1, which this version does not read; train it again.")
+    if not whole:
+        raise ValueError(f"{description} is damaged: it does not hold what was saved.")
     return read
 
 

@@ -209,7 +209,7 @@ objectives=[]                                       | env: The environment needs
 objectives=[distance,baseline]                      | Static objectives must come before tuneable ones
 recipe=analytical objectives=[baseline,distance]    | loss.scalarisation.scale names efficiency
 preferences=fixed                                   | preferences.value is missing
-preferences=fixed preferences.value=[1]             | preferences: A fixed preference must be one number for each of 2
+preferences=fixed preferences.value=[1]             | preferences: A fixed preference must be one number for each of 3
 preferences=grid preferences.steps=0                | preferences.steps must be at least 1
 preferences=segments preferences.segments=0         | preferences.segments must be at least 1
 demonstrations=recorded                             | rewards.demonstrations.demo.path is missing

@@ -16,7 +16,7 @@ TINY = {  # sizes of the page, and of a run in seconds
     "num_envs=128": "num_envs=16",
     "frames_per_batch=128, init_random_frames=5120": "frames_per_batch=16, init_random_frames=64",
     "part(DREX,": "part(DREX, num=4,",
-    "total_frames=640_000": "total_frames=128, optim_steps_per_batch=2, checkpoint_interval=64, progress_bar=False",
+    "total_frames=240_000": "total_frames=128, optim_steps_per_batch=2, checkpoint_interval=64, progress_bar=False",
     "steps=3000": "steps=2",
     "part(RewardAudit)": "None",
     "part(Ranking,": "part(Ranking, episodes=2, held_out=0.5, members=[['observation'], ['observation', 'action']],",

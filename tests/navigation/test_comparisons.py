@@ -160,5 +160,5 @@ def test_answers_that_do_not_fit_are_refused_before_anything_is_learned(answered
 
 
 def test_roll_outs_seen_by_another_lidar_are_refused(answered):
-    with pytest.raises(ValueError, match="hold observations of 34 numbers, the world has 24"):
+    with pytest.raises(ValueError, match=r"recorded with lidar.sectors=30 \(here 20\)"):
         RecordedComparisons(answered(), world=TensorWorld(lidar=Lidar(sectors=20)))

@@ -142,7 +142,7 @@ def product_dtypes_of(trainer):
             "preferences=fixed preferences.value=[0.5,0.5]",
             lambda trainer: samplers_of(trainer) == {data.FixedPreferences},
         ),
-        ("loss.terms.angle=null", lambda trainer: list(trainer.loss_module.terms) == ["proposals"]),
+        ("loss.terms.angle=null", lambda trainer: list(trainer.loss_module.terms) == ["proposals", "pathwise"]),
         (CLAMPED, lambda trainer: isinstance(trainer.loss_module.terms["angle"], ClampedAngleTerm)),
         ("loss.terms.angle.interpolator=null", lambda trainer: trainer.loss_module.terms["angle"].interpolator is None),
         ("loss.num_qvalue_nets=3", lambda trainer: trainer.loss_module.qvalue_network_params.batch_size == (3,)),

@@ -202,8 +202,8 @@ def rewarded_transitions(data: TensorDict, objectives: Mapping[str, Objective], 
         chunk: transitions that the objectives see at a time.
 
     Returns:
-        ``[N]`` with ``observation``, ``action`` (as executed) and ``next`` with ``observation``, ``reward`` ``[m]``,
-        ``done`` and ``terminated``, as a replay buffer takes them.
+        ``[N]`` with ``observation``, ``pose``, ``scene``, ``action`` (as executed) and ``next`` with ``observation``,
+        ``reward`` ``[m]``, ``done`` and ``terminated``, as a replay buffer takes them.
 
     Examples:
         >>> from morlnav.navigation.envs import default_objectives
@@ -228,7 +228,7 @@ def rewarded_transitions(data: TensorDict, objectives: Mapping[str, Objective], 
         )
         rewards.append(reward_vector(objectives, transition))
     following = data["next"].select("observation", "done", "terminated").set("reward", torch.cat(rewards))
-    rows = data.select("observation").set("action", data["executed_action"])
+    rows = data.select("observation", "pose", "scene").set("action", data["executed_action"])
     return rows.set("next", following)
 
 

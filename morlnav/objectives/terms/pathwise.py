@@ -102,7 +102,7 @@ class PathwiseGradient(LossTerm):
         """The mean of what is to be climbed, negative, ``[B]``, the same for every sample."""
         self.calls += 1
         if (since := int(self.calls) - 1 - self.after) < 0:
-            return acted.action.new_zeros(len(acted.action))
+            return acted.action.new_zeros(acted.action.shape[:-1])
         if since % self.interval == 0:
             self._drive(acted)
         rows = self.driven.flatten().float().multinomial(self.samples, replacement=True)
@@ -111,14 +111,15 @@ class PathwiseGradient(LossTerm):
         )
         action = acted.policy(TensorDict(observation=observation, preference=preference, batch_size=[self.samples]))
         climbed = (gradient * action / acted.half_range).sum(-1)
-        return (-self.coefficient * climbed.mean()).expand(len(acted.action))
+        return (-self.coefficient * climbed.mean()).expand(acted.action.shape[:-1])
 
     @torch.compiler.disable  # an environment is no graph
     @torch.enable_grad()
     def _drive(self, acted: Acted) -> None:
         """Drive on from some states of the batch, and differentiate what that earns."""
-        rows = torch.arange(self.states, device=acted.action.device) % len(acted.action)
-        begin, weights, gamma = acted.batch[rows], acted.weights[rows], torch.as_tensor(acted.gamma)
+        batch, weights = acted.batch.reshape(-1), acted.weights.flatten(0, -2)
+        rows = torch.arange(self.states, device=weights.device) % len(batch)
+        begin, weights, gamma = batch[rows], weights[rows], torch.as_tensor(acted.gamma)
         env, half = self._env[0], acted.half_range
         now = env.reset(begin.select("preference", *self._state_keys), set_state=True)
         push = torch.zeros_like(self.gradient, requires_grad=True)  # nothing, but for its derivative
@@ -126,6 +127,10 @@ class PathwiseGradient(LossTerm):
         self.driven.zero_()
         for step in range(self.horizon):
             action = (acted.policy(now) + push[step]).clamp(acted.low, acted.high)
+            if not action.isfinite().all():  # learning has diverged, which is told elsewhere
+                self.gradient.zero_()
+                self.driven.fill_(True)
+                return
             self.observation[step], self.driven[step] = now["observation"].detach(), alive.squeeze(-1)
             reach.append(1 - ((action.detach() - acted.low) / half - 1).square())  # of what is squashed to the bounds
             now = env.step(now.set("action", action))

@@ -59,7 +59,7 @@ class Sweep:
     Examples:
         >>> sweep = Sweep("results/two_styles")
         >>> sweep.settings, sweep.runs["seed"].tolist()
-        (['our'], [0, 1])
+        (['our'], [0])
     """
 
     def __init__(self, source: Runs) -> None:

@@ -39,6 +39,7 @@ def test_what_goes_out_comes_in(tmp_path, monkeypatch, capsys):
 
 
 def test_what_the_collector_saw_is_learned_from(capsys):
+    pytest.importorskip("jax")  # which Minari's collector asks for
     env = minari.DataCollector(gymnasium.make("morlnav/SocialNavigation-v0"), record_infos=True)
     oracle = CircumnavigationOracle()
     for seed in range(3):
@@ -57,6 +58,7 @@ def test_what_the_collector_saw_is_learned_from(capsys):
 def test_other_data_sets_are_refused():
     with pytest.raises(ValueError, match="There is no local Minari data set navigation/none-v0"):
         from_minari("navigation/none-v0")
+    pytest.importorskip("jax")
     env = minari.DataCollector(gymnasium.make("morlnav/SocialNavigation-v0"))
     env.reset(seed=0)
     env.step(env.action_space.sample())

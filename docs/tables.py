@@ -49,7 +49,7 @@ def two_styles(folder: str = "two_styles") -> str:
 
 
 def two_objectives() -> str:
-    """The same without roll-outs."""
+    """The same without the gradient through the world."""
     return two_styles("two_objectives")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Collection, Mapping
 from importlib import import_module
@@ -12,7 +11,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from morlnav.files import BLOCK, require_room, sha256, write_text
+from morlnav.files import BLOCK, digest, require_room, sha256, write_text
 from morlnav.modules.checks import check_weights
 
 OURS = ("morlnav.modules.", "morlnav.navigation.modules.")
@@ -130,11 +129,7 @@ def load_weights(model: nn.Module, path: str | Path, device: torch.device | str 
 
 def _write(path: Path, content: Mapping[str, Any]) -> None:
     content = json.loads(json.dumps(content))  # first, for it may fail; as it will be read
-    write_text(path.with_suffix(".json"), json.dumps(content | {OF_THE_REST: _digest(content)}, indent=2) + "\n")
-
-
-def _digest(content: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+    write_text(path.with_suffix(".json"), json.dumps(content | {OF_THE_REST: digest(content)}, indent=2) + "\n")
 
 
 def _read(path: str | Path) -> dict[str, Any]:
@@ -145,7 +140,7 @@ def _read(path: str | Path) -> dict[str, Any]:
     try:
         content = json.loads(description.read_text(encoding="utf-8"))
         read = {"model": dict(content["model"]), "facts": dict(content["facts"]), "sha256": content.get("sha256")}
-        whole = set(content) <= set(read) or content.get(OF_THE_REST) == _digest(read)  # the first files had no hash
+        whole = set(content) <= set(read) or content.get(OF_THE_REST) == digest(read)  # the first files had no hash
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{description} does not describe a saved module; save it again.") from error
     if "_target_" not in read["model"]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -13,6 +12,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from morlnav.data.comparisons import ComparedPairs, read_comparisons
+from morlnav.files import sha256
 from morlnav.modules.mode import eval_mode
 from morlnav.navigation.demonstrations import demonstrations_digest, recorded_demonstrations
 from morlnav.navigation.demonstrations.record import roll_out, successes
@@ -59,7 +59,7 @@ class RecordedComparisons(ComparedPairs):
             super().__init__(comparisons, data.set("action", data["executed_action"]), share, batch_size, held_out)
         except ValueError as error:
             raise ValueError(f"{answers}: {error}") from error
-        self.key = f"{demonstrations_digest(path)} {hashlib.sha256(answers.read_bytes()).hexdigest()[:16]}"
+        self.key = f"{demonstrations_digest(path)} {sha256(answers)[:16]}"
 
 
 @torch.no_grad()

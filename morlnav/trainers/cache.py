@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -16,7 +15,7 @@ import torch
 from filelock import FileLock
 from torch import nn
 
-from morlnav.files import sha256
+from morlnav.files import digest, sha256
 from morlnav.modules import load_module, read_facts, save_module
 from morlnav.record.progress import stage
 
@@ -68,7 +67,7 @@ class Cache:
         names = list(self.config)
         content = {name: self.config[name] for name in names[: names.index(stage_name) + 1]} | more
         content["seed"] = self.seed
-        return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()[:12]
+        return digest(content, default=str)[:12]
 
     def label(self, stage_name: str) -> str:
         """What a person reads: ``clone``, and ``wide_left/clone`` for an objective of that name."""

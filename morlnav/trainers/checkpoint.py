@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shutil
@@ -15,7 +14,7 @@ from torchrl.checkpoint import Checkpoint, CheckpointError
 from torchrl.data import PrioritizedSampler, ReplayBuffer
 from torchrl.trainers.trainers import Trainer
 
-from morlnav.files import BLOCK, require_room, sha256
+from morlnav.files import BLOCK, digest, require_room, sha256
 
 LISTING = "files.json"
 SUFFIXES = (".json", ".memmap")  # text and bare numbers, in which no code can hide
@@ -175,8 +174,7 @@ def _hashes(path: Path) -> dict[str, dict[str, Any]]:
 
 def _listing(files: dict[str, dict[str, Any]]) -> str:
     """The listing as text, with a hash of its own."""
-    digest = hashlib.sha256(json.dumps(files, sort_keys=True).encode()).hexdigest()
-    return json.dumps({"files": files, "sha256": digest}, indent=1, sort_keys=True)
+    return json.dumps({"files": files, "sha256": digest(files)}, indent=1, sort_keys=True)
 
 
 def _files(folder: Path) -> list[Path]:

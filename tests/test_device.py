@@ -47,12 +47,11 @@ from morlnav.objectives import (
     Guidance,
     LinearScalarisation,
     MORLTD3Loss,
-    PathwiseGradient,
     Proposals,
     ReturnBounds,
     Search,
 )
-from morlnav.objectives.terms import Acted, pathwise
+from morlnav.trainers import PathwiseRefinement, refinement
 from morlnav.transforms import DemonstrationReward, DrawPreference, HindsightPreferenceRelabel
 
 DEVICE = torch.device("cuda:0")
@@ -242,34 +241,20 @@ def test_an_update_never_waits_for_the_device(accelerator, kind, dtype):
         targets.step()
 
 
-def test_a_pathwise_gradient_keeps_its_buffers_on_the_device(accelerator, monkeypatch):
-    actor, critic = make_actor(2), VectorCritic(3, 2, **ROBOT, features=NavigationFeatures())
+def test_a_refinement_stays_on_the_device(accelerator, monkeypatch):
+    def prefer(num_envs):
+        return TransformedEnv(make_env(num_envs=num_envs), DrawPreference(UniformPreferences(2)))
+
+    actor = make_actor(2)
     with accelerator, answers():
-        actor, critic = actor.to(DEVICE), critic.to(DEVICE)
-
-        def prefer(num_envs):
-            return TransformedEnv(make_env(num_envs=num_envs), DrawPreference(UniformPreferences(2)))
-
-        monkeypatch.setattr(pathwise, "_check", lambda env: None)  # autograd wants a real device
-        monkeypatch.setattr(torch.autograd, "grad", lambda value, push: (torch.rand_like(push),))
-        term = PathwiseGradient(states=3, horizon=2, samples=4, make_env=prefer).to(DEVICE)
-        batch = prefer(8).reset()
-        acted = Acted(
-            batch,
-            batch["preference"],
-            torch.rand(8, 3, device=DEVICE),
-            torch.rand(1, 8, 3, device=DEVICE),
-            gamma=torch.rand(3, device=DEVICE),
-            values_of=lambda td: critic(td["observation"], td["preference"], td["action"]).unsqueeze(0),
-            action=torch.rand(8, 2, device=DEVICE),
-            low=torch.zeros(2, device=DEVICE),
-            high=torch.ones(2, device=DEVICE),
-            value_of=None,
-            policy=lambda td: actor(td["observation"], td["preference"]),
+        actor.to(DEVICE)
+        monkeypatch.setattr(refinement, "_check", lambda env: None)  # autograd wants a real device
+        monkeypatch.setattr(torch.autograd, "grad", lambda value, pushes: [torch.rand_like(push) for push in pushes])
+        stage = PathwiseRefinement(
+            num_envs=3, make_env=prefer, scalarisation=LinearScalarisation().to(DEVICE), horizon=2
         )
-        term._drive(acted)
-        assert term.actor(acted).device == DEVICE
-        assert {buffer.device for buffer in term.buffers()} == {DEVICE}
+        found = stage._drive(actor)[:3]
+    assert {entry.device for entry in found} == {DEVICE}
 
 
 def test_the_interpolator_learns_and_answers_without_waiting(accelerator):

@@ -154,7 +154,8 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         print(f"\nStopped after {trainer.collected_frames} frames; continue with: {words}")
         return None
     finished = Run(directory, trust=True)
-    deployment.save(trainer.checkpoint.components["average"].module, finished.evaluation.objectives, directory)
+    policy = training.finish(trainer, finished.learned)
+    deployment.save(policy, finished.evaluation.objectives, directory)
     print(f"\nTrained for {duration(time.perf_counter() - start)}.")
     with stage("evaluation", setting(training.trainer, "progress_bar")):
         finished.evaluation.report(finished.policy, directory / "evaluation")

@@ -12,7 +12,6 @@ from morlnav.objectives.terms import (
     Guidance,
     Judged,
     LossTerm,
-    PathwiseGradient,
     Proposals,
     Search,
 )
@@ -27,7 +26,6 @@ __all__ = [
     "LinearScalarisation",
     "LossTerm",
     "MORLTD3Loss",
-    "PathwiseGradient",
     "Proposals",
     "RankingLoss",
     "ReturnBounds",

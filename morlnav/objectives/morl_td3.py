@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 import torch
-from tensordict import TensorDict, TensorDictBase, TensorDictParams, unravel_key
+from tensordict import TensorDict, TensorDictBase, unravel_key
 from tensordict.nn import TensorDictModule, dispatch
 from torch import Tensor, nn
 from torchrl.data import TensorSpec
@@ -144,7 +144,7 @@ class MORLTD3Loss(VectorActorCriticLoss):
         target, next_value = self._target(tensordict)
         value = self.values(tensordict, self.qvalue_network_params)
         loss = distance_loss(value, target.expand_as(value), loss_function=self.loss_function).sum(-1)
-        judged = Judged(tensordict, *self._weigh(tensordict, value), **self._judge(value, self.qvalue_network_params))
+        judged = Judged(tensordict, *self._weigh(tensordict, value), value)
         penalties = {f"{name}_qvalue": t.critic(judged) for name, t in self.terms.items() if "qvalue" in t.adds_to}
         loss, reports = _add(loss, penalties)
         metadata = {
@@ -179,24 +179,12 @@ class MORLTD3Loss(VectorActorCriticLoss):
         return Acted(
             tensordict,
             *self._weigh(tensordict, values),
-            **self._judge(values, critics),
+            values,
             action=acted.get(self.tensor_keys.action),
             low=self.min_action,
             high=self.max_action,
             value_of=partial(self._values_of, acted, critics),
-            policy=self._policy,
         )
-
-    def _judge(self, values: Tensor, critics: TensorDictParams) -> dict[str, Any]:
-        """How critics with these parameters judge, for terms."""
-        return {
-            "values": values,
-            "gamma": self.value_estimator.gamma,
-            "values_of": partial(self.values, params=critics),
-        }
-
-    def _policy(self, tensordict: TensorDictBase) -> Tensor:
-        return self.act(tensordict, self.actor_network_params).get(self.tensor_keys.action)
 
     def _values_of(self, acted: TensorDictBase, critics: TensorDictBase, actions: Tensor) -> Tensor:
         """Value vectors ``[k, P, B, m]`` of other actions ``[P, B, A]`` in the same states."""

@@ -5,6 +5,7 @@ from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import AnnealDiscount, EvaluatePolicy, LogEpisodes, LogOptimisation, StepExploration
 from morlnav.trainers.interpolation import FitInterpolator
 from morlnav.trainers.live import live_objects
+from morlnav.trainers.refinement import PathwiseRefinement
 from morlnav.trainers.stages import Cloning, Demonstrations, Ranking
 from morlnav.trainers.stepper import MORLTD3Stepper, linear_decay
 from morlnav.trainers.supervised import Fit
@@ -24,6 +25,7 @@ __all__ = [
     "LogOptimisation",
     "MORLTD3Stepper",
     "MORLTrainer",
+    "PathwiseRefinement",
     "Ranking",
     "StepExploration",
     "StopDivergence",

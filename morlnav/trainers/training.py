@@ -33,6 +33,7 @@ from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import StepExploration
 from morlnav.trainers.live import live_objects, side_by_side
+from morlnav.trainers.refinement import PathwiseRefinement
 from morlnav.trainers.rollout_state import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
@@ -58,6 +59,7 @@ class Training:
         replay: the buffer, with its transforms.
         collector: drives the environments.
         trainer: TorchRL's ``Trainer``, and how long it trains.
+        refinement: a last stage, on the averaged actor; ``None`` leaves it out.
         evaluation: measures the policy, while it learns and in the end.
         hooks: of the trainer, by name; ``None`` leaves one out.
         rewards: learns rewards from demonstrations first; ``None`` learns none.
@@ -88,6 +90,7 @@ class Training:
         trainer: Part[Trainer],
         evaluation: Part[Evaluation],
         hooks: Mapping[str, Part[TrainerHookBase] | None] | None = None,
+        refinement: Part[PathwiseRefinement] | None = None,
         rewards: Part[DREX] | None = None,
         logger: Part[Logger] | None = None,
         seed: int = 0,
@@ -201,8 +204,7 @@ class Training:
         critics = [supply(self.critic, **live).to(env.device) for _ in range(setting(self.loss, "num_qvalue_nets"))]
         policy = TensorDictModule(actor, ["observation", "preference"], ["action"])
         replay = self._make_replay(live)
-        live["reward_unit"] = partial(_as_learned, replay=replay)
-        live["reward_bounds"] = live["reward_unit"](live["reward_bounds"])
+        live["reward_bounds"] = _as_learned(live["reward_bounds"], replay)
         loss = self._make_loss(live, policy, critics, {name: reward.clone for name, reward in learned.items()})
         batches = max(1, math.ceil(setting(self.trainer, "total_frames") / self._frames_per_batch(env)))
         noise = self._make_exploration(live, batches).to(env.device)
@@ -252,6 +254,7 @@ class Training:
             brief.collector = partial(Collector, backend="direct", frames_per_batch=frames)
         trainer = brief.make_trainer(directory, learned, self.make_logger(directory))
         trainer.collector.shutdown()
+        self.make_refinement(learned)
         torch.set_rng_state(state)
 
     def make_evaluation(self, learned: Mapping[str, LearnedReward]) -> Evaluation:
@@ -261,9 +264,30 @@ class Training:
         demonstrators = {name: reward.demonstrator for name, reward in learned.items() if reward.demonstrator}
         live = self._live(make_env(num_envs=1)) | {"make_env": make_env, "demonstrators": demonstrators}
         del live["seed"]  # its own, for held-out episodes
-        weights = setting(self.loss, "scalarisation")
-        live["scalarisation"] = build(weights, "loss.scalarisation", **live)
-        return supply(self.evaluation, **live)
+        return supply(self.evaluation, **live, scalarisation=self._scalarisation(live))
+
+    def make_refinement(self, learned: Mapping[str, LearnedReward]) -> PathwiseRefinement | None:
+        """What refines a policy that learned with these rewards; ``None`` where the config has nothing."""
+        if self.refinement is None:
+            return None
+        make_env = partial(self.make_env, {name: reward.transform for name, reward in learned.items()})
+        live = self._live(make_env(num_envs=1)) | {"make_env": make_env}
+        live["progress_bar"] = setting(self.trainer, "progress_bar")
+        return supply(self.refinement, **live, scalarisation=self._scalarisation(live))
+
+    def finish(self, trainer: Trainer, learned: Mapping[str, LearnedReward] | None = None) -> nn.Module:
+        """The policy of a trainer that has finished: its averaged actor, refined where the config says so.
+
+        Args:
+            trainer: of :meth:`make_trainer`.
+            learned: what it was made with.
+        """
+        policy = trainer.checkpoint.components["average"].module
+        refinement = self.make_refinement(learned or {})
+        return policy if refinement is None else refinement(policy, trainer.logger)
+
+    def _scalarisation(self, live: Mapping[str, Any]) -> nn.Module:
+        return build(setting(self.loss, "scalarisation"), "loss.scalarisation", **live)
 
     def make_logger(self, directory: Path) -> Logger | None:
         """The logger, which writes into ``directory/logs``."""

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
+from support import assert_identical
 
 from morlnav.cli import conf_dir
 from morlnav.config import Part, _Signature, plain
@@ -19,6 +20,7 @@ TINY = {  # sizes of the page, and of a run in seconds
     "total_frames=240_000": "total_frames=128, optim_steps_per_batch=2, checkpoint_interval=64, progress_bar=False",
     "steps=3000": "steps=2",
     "part(RewardAudit)": "None",
+    "drives=200": "drives=1, num_envs=4, horizon=5",
     "part(Ranking,": "part(Ranking, episodes=2, held_out=0.5, members=[['observation'], ['observation', 'action']],",
     "steps=1500": "steps=2",
     "max_steps=250": "max_steps=100",
@@ -37,6 +39,7 @@ WORDS = (
     "rewards.num=4",
     "rewards.clone.fit.steps=2",
     "rewards.audit=null",
+    "refinement={drives: 1, num_envs: 4, horizon: 5}",
     "rewards.ranking.episodes=2",
     "rewards.ranking.held_out=0.5",
     "rewards.ranking.members=[[observation],[observation,action]]",
@@ -98,12 +101,15 @@ def test_its_first_checkpoint_is_that_of_the_config_bit_for_bit(tmp_path):
     for size, tiny in TINY.items():
         assert size in code
         code = code.replace(size, tiny)
-    weights = []
+    weights, policies = [], []
     for name, training in (("python", by_hand(code)), ("config", configured(WORDS))):
         directory = tmp_path / name
-        trainer = training.make_trainer(directory, training.learn_rewards(directory), None)
+        learned = training.learn_rewards(directory)
+        trainer = training.make_trainer(directory, learned, None)
         trainer.train()
         trainer.collector.shutdown()
         weights.append([file.read_bytes() for file in sorted((directory / "checkpoints").rglob("*.memmap"))])
+        policies.append(training.finish(trainer, learned).state_dict())
     assert weights[0]
     assert weights[0] == weights[1]
+    assert_identical(*policies)

@@ -185,7 +185,7 @@ def test_a_clone_guides_the_actor_and_a_search_may_stand_beside_it(demonstration
     assert len(alone.clones) == 0
     assert alone.search is not None
     neither = trainer_for(configure("recipe=analytical", "loss.terms.proposals=null"), tmp_path)
-    assert sorted(neither.loss_module.terms) == ["angle", "pathwise"]
+    assert sorted(neither.loss_module.terms) == ["angle"]
 
 
 def test_a_reward_is_not_normalised_by_noisy_roll_outs(tmp_path):

@@ -20,7 +20,6 @@ BRIEF = (
     "hooks.fit_interpolator.interval=16",
     "transforms.time_limit.max_steps=20",
 )
-PATHWISE = "+loss.terms.pathwise={_target_: morlnav.objectives.PathwiseGradient, states: 6, horizon: 3, interval: 2}"
 CLAMPED = "loss.terms.angle={_target_: morlnav.objectives.ClampedAngleTerm, actor: 10.0, critic: 1.0, degrees: true}"
 
 
@@ -84,9 +83,8 @@ def test_a_compiled_loss_learns_the_same(tmp_path):
             ["replay.storage.max_size=64", "replay.transforms.relabel={share: 0.75, num_relabels: 2}"],
         ),
         (7, ["replay=prioritised", "replay.transforms.relabel.num_relabels=2"]),
-        (11, [PATHWISE]),  # a drive serves two updates, of which the second one is pending
     ],
-    ids=["random", "episodes", "pymunk", "full", "overwriting", "prioritised", "pathwise"],
+    ids=["random", "episodes", "pymunk", "full", "overwriting", "prioritised"],
 )
 def test_a_resumed_training_equals_an_unbroken_one_bit_for_bit(batches, overrides, tmp_path):
     cfg = configure(
@@ -142,7 +140,7 @@ def product_dtypes_of(trainer):
             "preferences=fixed preferences.value=[0.5,0.5]",
             lambda trainer: samplers_of(trainer) == {data.FixedPreferences},
         ),
-        ("loss.terms.angle=null", lambda trainer: list(trainer.loss_module.terms) == ["proposals", "pathwise"]),
+        ("loss.terms.angle=null", lambda trainer: list(trainer.loss_module.terms) == ["proposals"]),
         (CLAMPED, lambda trainer: isinstance(trainer.loss_module.terms["angle"], ClampedAngleTerm)),
         ("loss.terms.angle.interpolator=null", lambda trainer: trainer.loss_module.terms["angle"].interpolator is None),
         ("loss.num_qvalue_nets=3", lambda trainer: trainer.loss_module.qvalue_network_params.batch_size == (3,)),

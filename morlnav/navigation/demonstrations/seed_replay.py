@@ -41,22 +41,10 @@ class SeedReplay(TrainerHookBase):
         self.sampler, self.terms, self.env = sampler, evaluation.terms, evaluation.env
 
     def register(self, trainer: Trainer, name: str = "seed_replay") -> None:
-        """Fill the trainer's replay buffer.
-
-        Raises:
-            ValueError: if the loss needs scenes, and those of the demonstrations have another number of boxes.
-        """
-        needed = {key if isinstance(key, str) else key[0] for key in trainer.loss_module.in_keys}
-        state = sorted(needed & {"pose", "scene"})
+        """Fill the trainer's replay buffer."""
         for data in self.demonstrations:
             rows = rewarded_transitions(data.to(self.env.device), self.terms)
-            rows = rows.select("observation", "action", "next", *state)
-            recorded, here = (part["scene", "boxes"].shape[-2] for part in (data, self.env.observation_spec))
-            if "scene" in state and recorded != here:
-                raise ValueError(
-                    f"Demonstrations in scenes of {recorded} boxes cannot be replayed among those of {here}; set "
-                    f"env.scenes.num_boxes={recorded}, or loss.terms.pathwise=null."
-                )
+            rows = rows.select("observation", "action", "next")
             rows["preference"] = rows["next", "preference"] = self.sampler(len(rows), device=self.env.device)
             trainer.replay_buffer.extend(rows)
 

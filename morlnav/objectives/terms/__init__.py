@@ -2,7 +2,6 @@
 
 from morlnav.objectives.terms.angle import AngleTerm, ClampedAngleTerm
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
-from morlnav.objectives.terms.pathwise import PathwiseGradient
 from morlnav.objectives.terms.proposals import Guidance, Proposals, Search
 
 __all__ = [
@@ -12,7 +11,6 @@ __all__ = [
     "Guidance",
     "Judged",
     "LossTerm",
-    "PathwiseGradient",
     "Proposals",
     "Search",
 ]

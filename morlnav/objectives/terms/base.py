@@ -19,16 +19,12 @@ class Judged:
         preference: λ, ``[B, n]``.
         weights: ``w(λ)``, ``[B, m]``.
         values: value vectors of ``k`` critics, ``[k, B, m]``.
-        gamma: the discount, one number or one per entry of the reward ``[m]``.
-        values_of: the same critics' values of other transitions, a tensordict ``[*N]`` to ``[k, *N, m]``.
     """
 
     batch: TensorDictBase
     preference: Tensor
     weights: Tensor
     values: Tensor
-    gamma: Tensor | float
-    values_of: Callable[[TensorDictBase], Tensor]
 
     def scalarise(self, values: Tensor) -> Tensor:
         """``wᵀQ`` of value vectors ``[..., B, m]``, ``[..., B]``."""
@@ -49,14 +45,12 @@ class Acted(Judged):
         low: least action, ``[A]`` or one number.
         high: largest action.
         value_of: values other actions in the same states: ``[P, B, A]`` to ``[k, P, B, m]``.
-        policy: the actor's actions in other states, a tensordict ``[*N]`` to ``[*N, A]``.
     """
 
     action: Tensor
     low: Tensor
     high: Tensor
     value_of: Callable[[Tensor], Tensor]
-    policy: Callable[[TensorDictBase], Tensor]
 
     @property
     def value(self) -> Tensor:

@@ -12,7 +12,7 @@ from torchrl.trainers.trainers import TrainerHookBase
 
 from morlnav.data import PreferenceSampler, UniformPreferences
 from morlnav.navigation.evaluation import NavigationEvaluation
-from morlnav.trainers import MORLTD3Stepper, MORLTrainer
+from morlnav.trainers import MORLTD3Stepper, MORLTrainer, PathwiseRefinement
 from swapper.marks import mark
 
 
@@ -87,6 +87,12 @@ class Teacher(MORLTrainer):
     def train(self):
         mark(self)
         return super().train()
+
+
+class Polish(PathwiseRefinement):
+    def __call__(self, policy, logger=None):
+        mark(self)
+        return super().__call__(policy, logger)
 
 
 class Count(TrainerHookBase):

@@ -146,8 +146,8 @@ class Collision:
     """
 
     penalty: float = -1000.0
-    margin: float = 0.1
-    pressure: float = 0.03
+    margin: float = 0.15
+    pressure: float = 0.1
 
     def __post_init__(self) -> None:
         check_finite(self)

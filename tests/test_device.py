@@ -253,7 +253,7 @@ def test_a_refinement_stays_on_the_device(accelerator, monkeypatch):
         stage = PathwiseRefinement(
             num_envs=3, make_env=prefer, scalarisation=LinearScalarisation().to(DEVICE), horizon=2
         )
-        found = stage._drive(actor)[:3]
+        found = stage._drive(actor, torch.ones(3, device=DEVICE))[:3]
     assert {entry.device for entry in found} == {DEVICE}
 
 

@@ -42,11 +42,10 @@ class PathwiseRefinement:
     of an action, to which it is squashed, it cannot.
 
     Args:
-        drives: how often all environments drive an episode, after which the actor learns.
+        drives: how often all environments drive an episode, after which the actor learns; 0 leaves the policy as it is.
         num_envs: environments side by side.
         horizon: steps of a drive at most.
         clip: largest norm of an episode's gradient, in the unit of raw rewards per half the range of an action.
-        gamma: discount.
         optimizer: of the actor, called with its ``params``.
         schedule: of the learning rate, called with the ``optimizer`` and its ``total_steps``; ``None`` is constant.
         average_decay: of the averaged actor, which is kept, per drive; 0 keeps the actor itself.
@@ -80,7 +79,6 @@ class PathwiseRefinement:
         num_envs: int = 128,
         horizon: int = 120,
         clip: float = 30.0,
-        gamma: float = 0.995,
         optimizer: Part[optim.Optimizer] = partial(optim.Adam, lr=5e-4, betas=(0.9, 0.99)),  # noqa: B008
         schedule: Part[LRScheduler] | None = linear_decay,
         average_decay: float = 0.95,
@@ -90,33 +88,35 @@ class PathwiseRefinement:
         seed: int = 0,
         progress_bar: bool = False,
     ) -> None:
-        for name, value in {"drives": drives, "num_envs": num_envs, "horizon": horizon}.items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}.")
+        for name, value, least in (("drives", drives, 0), ("num_envs", num_envs, 1), ("horizon", horizon, 1)):
+            if value < least:
+                raise ValueError(f"{name} must be at least {least}, got {value}.")
         if not clip > 0:
             raise ValueError(f"clip must be positive, got {clip}.")
         if not 0 <= average_decay < 1:
             raise ValueError(f"average_decay must be from 0 to below 1, got {average_decay}.")
-        if not 0 <= gamma <= 1:
-            raise ValueError(f"gamma must be between 0 and 1, got {gamma}.")
-        self.drives, self.clip, self.gamma, self.average_decay = drives, clip, gamma, average_decay
+        self.drives, self.clip, self.average_decay = drives, clip, average_decay
         self.horizon, self.optimizer, self.schedule = horizon, optimizer, schedule
         self.scalarisation, self.seed, self.progress_bar = scalarisation, seed, progress_bar
-        self.env = make_env(num_envs=num_envs)
-        _check(self.env)
-        space = self.env.action_spec_unbatched.space
-        self.low, self.high = space.low, space.high
+        if drives:
+            self.env = make_env(num_envs=num_envs)
+            _check(self.env)
+            space = self.env.action_spec_unbatched.space
+            self.low, self.high = space.low, space.high
 
-    def __call__(self, policy: nn.Module, logger: Logger | None = None) -> nn.Module:
+    def __call__(self, policy: nn.Module, gamma: Tensor | float = 1.0, logger: Logger | None = None) -> nn.Module:
         """The refined policy; the one that is given stays as it is.
 
         Args:
             policy: maps observations ``[..., D]`` and preferences ``[..., n]`` to actions ``[..., A]``.
+            gamma: discount, one for all or one per entry of the reward ``[m]``.
             logger: receives ``refinement/return``, the mean of ``wᵀG``, at every drive.
 
         Raises:
             ValueError: if learning diverges.
         """
+        if not self.drives:
+            return policy
         torch.manual_seed(self.seed)
         actor = deepcopy(policy).train()
         optimizer = supply(self.optimizer, params=list(actor.parameters()))
@@ -124,7 +124,7 @@ class PathwiseRefinement:
         average = AveragedModel(actor, multi_avg_fn=get_ema_multi_avg_fn(self.average_decay))
         average.update_parameters(actor)
         for drive in trange(self.drives, desc="refinement", disable=not self.progress_bar):
-            observation, preference, gradient, running, gained = self._drive(actor)
+            observation, preference, gradient, running, gained = self._drive(actor, gamma)
             climbed = (gradient * actor(observation, preference)).sum(-1)
             loss = -(climbed * running).sum() / running.sum()
             optimizer.zero_grad()
@@ -142,7 +142,7 @@ class PathwiseRefinement:
         return average.module.train(policy.training)
 
     @torch.enable_grad()
-    def _drive(self, actor: nn.Module) -> tuple[Tensor, Tensor, Tensor, Tensor, float]:
+    def _drive(self, actor: nn.Module, gamma: Tensor | float) -> tuple[Tensor, Tensor, Tensor, Tensor, float]:
         """An episode in each environment: states ``[H, B]``, what a push there would gain, and what counts of them."""
         env, half = self.env, (self.high - self.low) / 2
         now = env.reset()
@@ -157,7 +157,7 @@ class PathwiseRefinement:
             pushes.append(push)
             now = env.step(now.set("action", action))
             gained = gained + discount * alive * now["next", "reward"]
-            discount = discount * self.gamma
+            discount = discount * gamma
             alive = alive & ~now["next", "done"]
             now = step_mdp(now)
             if alive.float().mean() <= LEFT:
@@ -179,5 +179,5 @@ def _check(env: EnvBase) -> None:
     if not seen.requires_grad:
         name = type(getattr(env, "base_env", env)).__name__
         raise ValueError(
-            f"{name} has no gradient in the action, which a refinement climbs; leave it out (refinement=null)."
+            f"{name} has no gradient in the action, which a refinement climbs; leave it out (refinement.drives=0)."
         )

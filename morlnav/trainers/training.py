@@ -284,7 +284,11 @@ class Training:
         """
         policy = trainer.checkpoint.components["average"].module
         refinement = self.make_refinement(learned or {})
-        return policy if refinement is None else refinement(policy, trainer.logger)
+        return (
+            policy
+            if refinement is None
+            else refinement(policy, trainer.loss_module.value_estimator.gamma, trainer.logger)
+        )
 
     def _scalarisation(self, live: Mapping[str, Any]) -> nn.Module:
         return build(setting(self.loss, "scalarisation"), "loss.scalarisation", **live)

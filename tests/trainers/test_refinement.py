@@ -12,7 +12,7 @@ from morlnav.objectives import LinearScalarisation
 from morlnav.trainers import PathwiseRefinement
 from morlnav.transforms import DrawPreference
 
-GAMMA = 0.95
+GAMMA = torch.tensor([0.9, 0.95, 1.0])
 HALF = torch.tensor([0.25, torch.pi])
 STEPS = 6
 
@@ -36,7 +36,7 @@ def make_env(num_envs=1, boxes=0, preference=(0.75, 0.25), **settings):
 
 
 def make_refinement(make_env=make_env, **settings):
-    settings = {"drives": 3, "num_envs": 8, "gamma": GAMMA, "horizon": STEPS} | settings
+    settings = {"drives": 3, "num_envs": 8, "horizon": STEPS} | settings
     return PathwiseRefinement(make_env=make_env, scalarisation=LinearScalarisation(), **settings)
 
 
@@ -73,7 +73,7 @@ def start_at(refinement, begin):
 @pytest.mark.parametrize("step", [0, 3])
 def test_it_is_the_derivative_of_what_is_earned(begin, entry, step):
     actor = Steering(0.3, 0.2)
-    _, _, gradient, _, gained = start_at(make_refinement(clip=1e9), begin)._drive(actor)
+    _, _, gradient, _, gained = start_at(make_refinement(clip=1e9), begin)._drive(actor, GAMMA)
     push = torch.zeros(STEPS, 1, 2)
     assert gained == pytest.approx(earned(actor, begin, push).mean().item())
     push[step, 0, entry] = by = 0.02
@@ -83,11 +83,11 @@ def test_it_is_the_derivative_of_what_is_earned(begin, entry, step):
 
 def test_the_policy_climbs_it_and_the_average_is_kept():
     refinement, actor = make_refinement(average_decay=0.5), Steering(0.25, 0.0)
-    first = refinement._drive(actor)[-1]
-    refined = refinement(actor)
+    first = refinement._drive(actor, GAMMA)[-1]
+    refined = refinement(actor, GAMMA)
     assert actor.action[0] == 0.25
     assert 0.25 < refined.action[0] < 0.4  # faster
-    assert refinement._drive(refined)[-1] > first
+    assert refinement._drive(refined, GAMMA)[-1] > first
 
 
 def test_a_seed_fixes_it_whatever_came_before():
@@ -101,8 +101,13 @@ def test_a_seed_fixes_it_whatever_came_before():
     assert torch.equal(*results)
 
 
+def test_no_drives_leave_the_policy_as_it_is():
+    actor = Steering(0.25, 0.0)
+    assert make_refinement(lambda num_envs: None, drives=0)(actor) is actor
+
+
 def test_one_wild_episode_does_not_outweigh_the_others(begin):
-    _, _, gradient, *_ = start_at(make_refinement(clip=0.5), begin)._drive(Steering(0.3, 0.2))
+    _, _, gradient, *_ = start_at(make_refinement(clip=0.5), begin)._drive(Steering(0.3, 0.2), GAMMA)
     reach = 1 - (torch.tensor([0.3, 0.2]) / HALF - torch.tensor([1.0, 0.0])).square()
     norms = (gradient * HALF * reach).square().sum((0, 2)).sqrt()
     assert (norms < 0.55).all()  # turns are a little more than 0.2
@@ -112,7 +117,7 @@ def test_one_wild_episode_does_not_outweigh_the_others(begin):
 def test_what_follows_an_episode_is_no_part_of_it():
     begin = make_env(8).reset().select("pose", "scene", "preference")
     begin["pose"][:4, :2] = begin["scene", "goal"][:4] - torch.tensor([0.4, 0.0])
-    _, _, gradient, running, _ = start_at(make_refinement(), begin)._drive(Steering(0.4, 0.0))
+    _, _, gradient, running, _ = start_at(make_refinement(), begin)._drive(Steering(0.4, 0.0), GAMMA)
     assert running.sum(0).tolist() == [1] * 4 + [STEPS] * 4
     assert (gradient[1:, :4] == 0).all()
 
@@ -144,19 +149,18 @@ def test_an_environment_without_a_gradient_is_refused():
     def make_stiff(num_envs):
         return TransformedEnv(Stiff(num_envs=num_envs), DrawPreference(FixedPreferences([0.5, 0.5])))
 
-    with pytest.raises(ValueError, match=r"Stiff has no gradient .* leave it out \(refinement=null"):
+    with pytest.raises(ValueError, match=r"Stiff has no gradient .* leave it out \(refinement\.drives=0"):
         make_refinement(make_stiff)
 
 
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"drives": 0}, "drives must be at least 1"),
+        ({"drives": -1}, "drives must be at least 0"),
         ({"num_envs": 0}, "num_envs must be at least 1"),
         ({"horizon": 0}, "horizon must be at least 1"),
         ({"clip": 0.0}, "clip must be positive"),
         ({"average_decay": 1.0}, "average_decay must be from 0 to below 1"),
-        ({"gamma": 1.1}, "gamma must be between 0 and 1"),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(settings, message):

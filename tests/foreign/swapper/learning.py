@@ -90,9 +90,9 @@ class Teacher(MORLTrainer):
 
 
 class Polish(PathwiseRefinement):
-    def __call__(self, policy, logger=None):
+    def __call__(self, policy, gamma=1.0, logger=None):
         mark(self)
-        return super().__call__(policy, logger)
+        return super().__call__(policy, gamma, logger)
 
 
 class Count(TrainerHookBase):

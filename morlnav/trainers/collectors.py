@@ -24,6 +24,8 @@ def num_workers(collector: Part[BaseCollector] | Callable[..., BaseCollector]) -
     2
     """
     settings = collector.node if isinstance(collector, Part) else getattr(collector, "keywords", {})
+    if "total_frames" in settings:
+        raise ValueError("collector.total_frames is trainer.total_frames; collectors are endless.")
     number = settings.get("num_collectors")
     if number is not None and number < 1:
         raise ValueError(f"collector.num_collectors must be at least 1, got {number}.")

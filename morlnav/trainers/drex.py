@@ -18,7 +18,7 @@ from morlnav.config import classes, supply
 from morlnav.modules import load_module, read_facts, save_module
 from morlnav.trainers.cache import Cache
 from morlnav.trainers.live import live_objects
-from morlnav.trainers.stages import Cloning, Demonstrations, Policy, Ranking
+from morlnav.trainers.stages import Cloning, Demonstrations, Judge, Policy, Ranking
 from morlnav.transforms import DemonstrationReward
 
 CLONE_FILE = "clone.pt"
@@ -70,7 +70,7 @@ class DREX:
         demonstrations: Mapping[str, Demonstrations | None],
         clone: Cloning,
         ranking: Ranking,
-        audit: Any = None,
+        audit: Judge | None = None,
         num: int = 1000,
         scale: float = 10.0,
         offset: float = -1.0,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import torch
 from tensordict import TensorDict
@@ -54,6 +54,22 @@ class Demonstrations(ABC):
     def judge(self, clone: Policy, data: TensorDict) -> tuple[dict[str, Any], list[str]]:
         """Facts about a clone that stands in for a demonstrator who cannot be asked, and reasons against it."""
         return {}, []
+
+
+class Judge(Protocol):
+    """Tells whether a learned reward prefers what was demonstrated.
+
+    Attributes:
+        required: a reward that fails ends the pipeline.
+    """
+
+    required: bool
+
+    def judge(self, reward: nn.Module, demonstrator: Policy, output: Path, **paid: Any) -> object:
+        """Write a report into a folder that is made."""
+
+    def read(self, report: Path) -> dict[str, Any]:
+        """What such a report says: ``passed``, and ``reasons`` against the reward."""
 
 
 class Cloning:
@@ -166,8 +182,14 @@ class Ranking:
         self.key = comparisons.key if comparisons is not None else ""
 
     def try_parts(self, live: Mapping[str, Any]) -> None:
-        """Make noise and models once, to find out what they refuse before anything is rolled out."""
-        supply(self.noise, **{**live, "epsilon": torch.zeros(1)})
+        """Make noise and models once, to find out what they refuse before anything is rolled out.
+
+        Raises:
+            ValueError: for that, and for snippets longer than an episode.
+        """
+        if (self.snippet or 1) > live["max_steps"]:
+            raise ValueError(f"rewards.ranking.snippet must be at most the {live['max_steps']} steps of an episode.")
+        supply(self.noise, **{**live, "epsilon": torch.tensor(self.levels)})
         for inputs in self.members:
             supply(self.model, **{**live, "inputs": list(inputs)})
 

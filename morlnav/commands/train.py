@@ -20,7 +20,6 @@ import hydra
 import torch
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
-from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.utils import env_override
 from hydra.types import RunMode
 from omegaconf import DictConfig
@@ -40,14 +39,14 @@ from morlnav.cli import (
 from morlnav.config import check, plain, setting
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.files import write_text
-from morlnav.record.progress import stage
+from morlnav.record.console import stage
 from morlnav.runs import CONFIG_FILE, Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
 from morlnav.runs.resuming import resumed_words
 from morlnav.runs.settings import Settings, refuse_without_clones
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
-from morlnav.trainers.workers import watched
+from morlnav.trainers.collectors import watched
 
 STOP = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """What asks a training to leave a checkpoint and end: Ctrl-C, a scheduler, a terminal that closes."""
@@ -236,11 +235,8 @@ def main() -> None:
 
 
 def _run_words() -> None:
-    refuse_choices(words := get_args_parser().parse_args().overrides)
-    given: dict[str, str] = {}
-    for word in OverridesParser.create().parse_overrides(words):
-        if (other := given.setdefault(word.get_key_element(), word.input_line)) != word.input_line:
-            raise ValueError(f"{other} would be ignored for {word.input_line}; leave one of them out.")
+    words = get_args_parser().parse_args().overrides
+    refuse_choices([word for word in words if not word.startswith("resume=")])
     sys.argv[1:], own_classes = resumed_words(sys.argv[1:])
     if own_classes:
         sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder

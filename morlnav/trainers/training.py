@@ -28,12 +28,11 @@ from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
 from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
-from morlnav.trainers.collectors import make_collector, num_workers, share_of
+from morlnav.trainers.collectors import RolloutState, make_collector, num_workers, share_of
 from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import StepExploration
 from morlnav.trainers.live import live_objects, side_by_side
-from morlnav.trainers.rollout_state import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
 KEPT = ("observation", "preference", "action")

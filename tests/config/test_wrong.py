@@ -296,7 +296,6 @@ def test_what_is_wrong_ends_in_one_sentence_that_names_it(words, said, smoke, tm
         (["env.objectives=[distance]"], "env.objectives cannot become [distance]; --cfg job shows what it is."),
         (["env=mo_gymnasium", "env.foo=1"], "There is no foo in env; choose from: id, num_envs."),
         (["env.objectives={}"], "env.objectives={} would change nothing"),
-        (["seed=0", "seed=1"], "seed=0 would be ignored for seed=1; leave one of them out."),
         (["+trainer.totl_frames=5"], "did you mean total_frames?"),
     ],
 )

@@ -13,7 +13,7 @@ from morlnav.cli import folder, one_sentence_errors, quiet, set_threads
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.evaluation.seeds import aggregate_scores, compare_scores
 from morlnav.evaluation.seeds_plot import plot_curves, plot_scores
-from morlnav.navigation.evaluation.sweep import TABLE_ONE, Sweep, paper_name, read_table
+from morlnav.navigation.evaluation.sweep import TABLE_ONE, Sweep, paper_name, read_columns
 from morlnav.navigation.record.exact_front_plot import plot_reached_fronts
 from morlnav.navigation.record.plots import plot_metrics, plot_studies, plot_trajectories
 from morlnav.record.markdown import markdown_table
@@ -66,7 +66,7 @@ class Report:
         for letter, (study, first) in zip("ab", STUDIES.items(), strict=True):
             file, columns = self.directory / "clone" / f"{study}.csv", [first, *STUDIED]
             if file.is_file():
-                tables.append(read_table(file, columns)[columns])
+                tables.append(read_columns(file, columns)[columns])
             else:
                 self.notes.append(
                     f"No Fig. 2{letter}: `morlnav-clone {study} --output {file.parent}` makes {file.name}."

@@ -20,17 +20,18 @@ from morlnav.modules import NormalisedReward, RewardEnsemble
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.supervised import Fit
 
-Policy = Callable[[Tensor], Tensor]
+Driver = Callable[[Tensor], Tensor]
+"""From observations ``[B, D]`` to actions ``[B, A]``, without a preference."""
 
 
 class Demonstrations(ABC):
     """Where demonstrations come from, and how they are kept.
 
     Attributes:
-        policy: who demonstrated, from observations ``[B, D]`` to actions ``[B, A]``; ``None`` if nobody can be asked.
+        policy: who demonstrated; ``None`` if nobody can be asked.
     """
 
-    policy: Policy | None = None
+    policy: Driver | None = None
 
     key: str = ""
     """What they depend on beyond their config, such as a hash of files."""
@@ -51,7 +52,7 @@ class Demonstrations(ABC):
         """What :meth:`save` kept."""
         return TensorDict.load_memmap(path).clone()
 
-    def judge(self, clone: Policy, data: TensorDict) -> tuple[dict[str, Any], list[str]]:
+    def judge(self, clone: Driver, data: TensorDict) -> tuple[dict[str, Any], list[str]]:
         """Facts about a clone that stands in for a demonstrator who cannot be asked, and reasons against it."""
         return {}, []
 
@@ -65,7 +66,7 @@ class Judge(Protocol):
 
     required: bool
 
-    def judge(self, reward: nn.Module, demonstrator: Policy, output: Path, **paid: Any) -> object:
+    def judge(self, reward: nn.Module, demonstrator: Driver, output: Path, **paid: Any) -> object:
         """Write a report into a folder that is made."""
 
     def read(self, report: Path) -> dict[str, Any]:
@@ -193,7 +194,7 @@ class Ranking:
         for inputs in self.members:
             supply(self.model, **{**live, "inputs": list(inputs)})
 
-    def roll_out(self, clone: Policy, make_env: Callable[[int], EnvBase], live: Mapping[str, Any]) -> TensorDict:
+    def roll_out(self, clone: Driver, make_env: Callable[[int], EnvBase], live: Mapping[str, Any]) -> TensorDict:
         """The clone under every noise level, ``[levels, episodes, T]``."""
         return roll_out_ranked(
             clone,

@@ -17,6 +17,7 @@ from torchrl.trainers.trainers import Trainer
 
 from benchmarks.recipes import ANALYTICAL, NEVER, composed, trainer_of
 from morlnav.cli import keep_freed_memory, one_sentence_errors, quiet
+from morlnav.record.markdown import markdown_table
 
 COLLECTORS = {
     "single": ["collector=single"],
@@ -134,12 +135,12 @@ def print_table(args: argparse.Namespace) -> None:
         for case, collector in rows:
             found[case, collector].append(measure(case, collector, args))
     print(f"\n{os.cpu_count()} cores, PyTorch {torch.__version__}, medians of {args.repeats} x {args.seconds:g} s\n")
-    print("| world | environments | collector | collecting alone, frames/s | training, frames/s | learner waits |")
-    print("| :-- | --: | :-- | --: | --: | --: |")
+    head = "world", "environments", "collector", "collecting alone, frames/s", "training, frames/s", "learner waits"
+    rows = []
     for (case, collector), measured in found.items():
         alone, training, waits = (median(column) for column in zip(*measured, strict=True))
-        cells = (*case.split(":"), collector, f"{alone:,.0f}", f"{training:,.0f}", f"{waits:.0%}")
-        print(f"| {' | '.join(cells)} |")
+        rows.append((*case.split(":"), collector, f"{alone:,.0f}", f"{training:,.0f}", f"{waits:.0%}"))
+    print(markdown_table(head, rows, (":--", "--:", ":--", "--:")))
 
 
 if __name__ == "__main__":

@@ -24,6 +24,18 @@ from morlnav.cli import composed, one_sentence_errors, quiet, set_threads
 from morlnav.commands.train import run
 from morlnav.trainers.checkpoint import find_checkpoints
 
+BRIEF = (
+    "env.scenes.distance=[5,6]",
+    "rewards.num=4",
+    "rewards.ranking.episodes=2",
+    "rewards.ranking.held_out=0.5",
+    "rewards.ranking.members=[[observation],[observation,action]]",
+    "rewards.audit.num_scenes=2",
+    "evaluation.episodes=2",
+    "evaluation.steps=1",
+)
+"""Episodes and rewards of a run with demonstrations, as few as there can be."""
+
 WORDS = (
     "trainer=smoke",
     "trainer.progress_bar=false",
@@ -33,14 +45,7 @@ WORDS = (
     "critic.num_cells=32",
     "replay.storage.max_size=1024",
     "transforms.time_limit.max_steps=100",
-    "env.scenes.distance=[5,6]",
-    "rewards.num=4",
-    "rewards.ranking.episodes=2",
-    "rewards.ranking.held_out=0.5",
-    "rewards.ranking.members=[[observation],[observation,action]]",
-    "rewards.audit.num_scenes=2",
-    "evaluation.episodes=2",
-    "evaluation.steps=1",
+    *BRIEF,
 )
 RESULTS = ("policy.pt", "policy.json", "reward.pt", "reward.json", "clone.pt", "clone.json")
 

@@ -10,9 +10,9 @@ import pandas as pd
 
 from benchmarks.plot import plot
 from benchmarks.timing import Row
+from morlnav.record.markdown import markdown_table
 
-HEADING = "| case | contender | median | quartiles | unit | ratio | note |"
-TABLE_RULE = "| :-- | :-- | --: | --: | :-- | --: | :-- |"
+HEADINGS = ("case", "contender", "median", "quartiles", "unit", "ratio", "note")
 
 
 def tabulate(rows: Iterable[Row]) -> pd.DataFrame:
@@ -68,7 +68,8 @@ def markdown(table: pd.DataFrame, headings: Mapping[str, tuple[str, str]], machi
     ]
     for group, part in table.groupby("group", sort=False):
         title, notes = headings[group]
-        lines += ["", f"## {title}", "", notes.replace("\n", " "), "", HEADING, TABLE_RULE]
+        lines += ["", f"## {title}", "", notes.replace("\n", " "), ""]
+        rows = []
         for _, row in part.iterrows():
             measured = row["rounds"] > 0
             quartiles = f"{number(row['q1'])} … {number(row['q3'])}" if row["rounds"] > 1 else "–"
@@ -81,7 +82,8 @@ def markdown(table: pd.DataFrame, headings: Mapping[str, tuple[str, str]], machi
                 f"{row['ratio']:.2f}" if np.isfinite(row["ratio"]) else "–",
                 row["note"],
             ]
-            lines.append("| " + " | ".join(cells) + " |")
+            rows.append(cells)
+        lines.append(markdown_table(HEADINGS, rows, (":--", ":--", "--:", "--:", ":--", "--:", ":--")))
     return "\n".join(lines) + "\n"
 
 

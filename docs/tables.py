@@ -17,6 +17,7 @@ from morlnav.navigation.evaluation import (
     possible_table,
     summarise,
 )
+from morlnav.record.markdown import markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
@@ -115,8 +116,7 @@ def _seed(path: Path) -> str:
 
 
 def _table(head: list[str], rows: Iterable[list[str]]) -> str:
-    lines = [head, [":--", *["--:"] * (len(head) - 1)], *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return markdown_table(head, rows, (":--", "--:"))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import math
 import types
 import typing
 from collections.abc import Callable
-from pathlib import PurePath
+from os import PathLike
 from typing import Any, TypeVar
 
 WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a word", type(None): "null"}
@@ -37,6 +37,12 @@ def is_kind(hint: Any, kind: type) -> bool:
     return inspect.isclass(origin) and issubclass(origin, kind)
 
 
+def _holds(hint: Any, kind: type) -> bool:
+    """Whether an annotation, which is no union, is of a ``kind`` of container that a file has."""
+    origin = typing.get_origin(hint) or hint
+    return is_kind(hint, kind) and not is_kind(hint, str) and origin.__module__ in ("builtins", "collections.abc")
+
+
 def fits(value: float | str | None, hint: Any) -> bool:
     """Whether a value that holds no others is what an annotation asks for; numbers must be finite.
 
@@ -60,9 +66,7 @@ def _fits_one(value: float | str | None, hint: Any) -> bool:
         return True
     if kind.__name__ in ("Tensor", "ndarray"):
         return isinstance(value, int | float) and not isinstance(value, bool)
-    # Paths, devices and what other libraries make of a word; an object of ours has to be a node.
-    other = not kind.__module__.startswith(("morlnav", "collections.abc", "builtins"))
-    return isinstance(value, str) and (other or issubclass(kind, PurePath))
+    return isinstance(value, str) and (kind.__name__ == "device" or issubclass(kind, PathLike))
 
 
 def held_by(value: dict | list, hint: Any) -> list[Any] | None:
@@ -76,9 +80,7 @@ def held_by(value: dict | list, hint: Any) -> list[Any] | None:
         inner = typing.get_args(member)
         if member is Any or member is object or getattr(member, "__name__", "") in ("Tensor", "ndarray"):
             return [Any] * len(value)
-        if not is_kind(member, wanted) or is_kind(member, str):
-            continue
-        if isinstance(value, list) and is_kind(member, collections.abc.Mapping):
+        if not _holds(member, wanted) or (isinstance(value, list) and _holds(member, collections.abc.Mapping)):
             continue
         if is_kind(member, tuple) and inner and inner[-1] is not Ellipsis:
             if len(inner) == len(value):
@@ -125,9 +127,9 @@ def _describe_one(hint: Any) -> str:
         return WORDS[hint]
     if kind is typing.Literal:
         return f"one of {', '.join(map(str, inner))}"
-    if is_kind(kind, collections.abc.Mapping):
+    if _holds(kind, collections.abc.Mapping):
         return "a mapping" + (f" (each {describe(inner[1])})" if inner and inner[1] is not Any else "")
-    if is_kind(kind, collections.abc.Collection):
+    if _holds(kind, collections.abc.Collection):
         number = f" of {len(inner)}" if kind is tuple and inner and inner[-1] is not Ellipsis else ""
         return f"a list{number}" + (f" (each {describe(inner[0])})" if inner and inner[0] is not Any else "")
     if getattr(kind, "is_lazy", False):

@@ -47,6 +47,7 @@ def composed(words: Sequence[str] = ()) -> DictConfig:
     >>> composed(["seed=3"]).seed
     3
     """
+    refuse_choices(words)
     with initialize_config_dir(conf_dir(), version_base="1.3"):
         return compose("train", list(words))
 
@@ -144,8 +145,10 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
     except MissingConfigException as error:
         sys.exit(_unknown_choice(str(error.missing_cfg_file), error.options))
     except ConfigCompositionException as error:
-        key = re.search(r"Could not override '(.+?)'", str(error))
-        sys.exit(_unknown_key(key[1]) if key else first_line(error))
+        if key := re.search(r"Could not override '(.+?)'", str(error)):
+            sys.exit(_unknown_key(key[1]))
+        mixed = re.search(r"Error merging override [+]*(.+?)=(.*)", str(error))
+        sys.exit(f"{mixed[1]} cannot become {mixed[2]}; --cfg job shows what it is." if mixed else first_line(error))
     except (
         ValueError,
         OSError,
@@ -204,24 +207,41 @@ def refuse_choices(words: Sequence[str]) -> None:
     >>> refuse_choices(["brief=long"])
     Traceback (most recent call last):
     ValueError: brief follows trainer and env; choose them instead.
+    >>> refuse_choices(["env.objectives={}"])
+    Traceback (most recent call last):
+    ValueError: env.objectives={} would change nothing; ~env.objectives.NAME leaves out what is in it.
     """
     for word in OverridesParser.create().parse_overrides(list(words)):
         if word.key_or_group == "brief":
             raise ValueError("brief follows trainer and env; choose them instead.")
-        choices = word.value()
-        chosen = choices if isinstance(choices, list) and _choices(word.key_or_group) else []
-        if repeated := [choice for choice in chosen if chosen.count(choice) > 1]:
-            raise ValueError(f"{word.key_or_group} names {repeated[0]} twice.")
+        choices, key = word.value(), word.key_or_group
+        if choices == {} and not word.is_add():  # Hydra merges mappings
+            raise ValueError(f"{key}={{}} would change nothing; ~{key}.NAME leaves out what is in it.")
+        for choice in choices if isinstance(choices, list) and _choices(key) else []:
+            if not isinstance(choice, str):
+                raise ValueError(f"{key} names {choice}; {nearest(str(choice), _choices(key))}")
+            if choices.count(choice) > 1:
+                raise ValueError(f"{key} names {choice} twice.")
 
 
 def _unknown_key(key: str) -> str:
-    cfg = composed()
-    parent, _, name = key.rpartition(".")
-    node = OmegaConf.select(cfg, parent, throw_on_missing=False) if parent else cfg
-    if not OmegaConf.is_dict(node):
-        return f"There is no {key} in the config, for there is no {parent} that could hold it."
-    where = f"in {parent}" if parent else "in the config"
-    return f"There is no {name} {where}; {nearest(name, [child for child in map(str, node) if child[0] != '_'])}"
+    if key.startswith("hydra."):
+        return f"There is no {key}; see --hydra-help."
+    if choices := _choices(key):
+        return f"The group {key} ({', '.join(choices)}) belongs to another environment than the one that is chosen."
+    try:
+        node = composed([word for word in sys.argv[1:] if _choices(word.partition("=")[0])])
+    except (HydraException, ValueError):
+        node = composed()
+    node, where = OmegaConf.to_container(node), ""
+    for name in key.split("."):
+        if not isinstance(node, dict):
+            return f"There is no {key} in the config, for {where} is {node}."
+        if name not in node:
+            break
+        node, where = node[name], f"{where}.{name}".lstrip(".")
+    children = [child for child in map(str, node) if child[0] != "_"]
+    return f"There is no {name} in {where or 'the config'}; {nearest(name, children)}"
 
 
 def duration(seconds: float) -> str:

@@ -344,7 +344,8 @@ def _beside(name: str) -> str:
     """What a module holds whose name is nearest to one that it does not hold."""
     module, _, wanted = name.rpartition(".")
     try:
-        close = difflib.get_close_matches(wanted, dir(importlib.import_module(module)), 1)
+        names = [key for key, value in vars(importlib.import_module(module)).items() if callable(value)]
+        close = difflib.get_close_matches(wanted, names, 1)
     except Exception:
         close = []
     return f"; did you mean {module}.{close[0]}?" if close else "."

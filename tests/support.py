@@ -3,6 +3,7 @@
 import torch
 from hydra import compose, initialize_config_dir
 
+from benchmarks.kills import BRIEF as BRIEF  # of several tests
 from morlnav.cli import conf_dir
 from morlnav.runs import make_training
 
@@ -16,17 +17,6 @@ SMALL = (
     "critic.num_cells=32",
     "replay.storage.max_size=4096",
     "transforms.time_limit.max_steps=100",
-)
-
-BRIEF = (  # episodes and rewards of a run with demonstrations
-    "env.scenes.distance=[5,6]",
-    "rewards.num=4",
-    "rewards.ranking.episodes=2",
-    "rewards.ranking.held_out=0.5",
-    "rewards.ranking.members=[[observation],[observation,action]]",
-    "rewards.audit.num_scenes=2",
-    "evaluation.episodes=2",
-    "evaluation.steps=1",
 )
 
 

@@ -140,7 +140,7 @@ def test_without_bounds_of_the_rewards_the_report_says_why_there_is_no_hypervolu
         (("env.id=mo-hoper-2obj-v5",), "did you mean mo-hopper-2obj-v5"),
         (("env.id=water-reservoir-v0",), "bounds must be finite"),
         (("env.id=mo-hopper-v5", "evaluation.reference=[-1]"), "reference needs 3 numbers"),
-        (("env.id=mo-hopper-v5", "env.num_envs=3"), "must be a multiple of the 3 environments"),
+        (("env.id=mo-hopper-v5", "env.num_envs=3"), "must be a positive multiple of the 3 environments"),
     ],
 )
 def test_what_does_not_fit_is_refused_before_anything_is_written(words, sentence, tmp_path):

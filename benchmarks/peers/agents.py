@@ -32,6 +32,7 @@ from morlnav.evaluation import expected_utility, hypervolume, reference_from_bou
 from morlnav.navigation.envs import ENV_ID, NavigationEnv, Objective, default_objectives
 from morlnav.navigation.evaluation import evaluate_policy, evaluation_scenes, reference_paths, write_report
 from morlnav.navigation.modules import CircumnavigationOracle, NavigationFeatures
+from morlnav.record.markdown import markdown_table
 
 AGENTS = {"capql": CAPQL, "gpi_ls": GPILSContinuousAction}
 SETTINGS = {"capql": {}, "gpi_ls": {"gradient_updates": 1}}
@@ -150,8 +151,7 @@ def compare(runs: list[Path]) -> str:
         line |= {"time at efficiency": "–" if pd.isna(fast["navigation_time"]) else f"{fast['navigation_time']:.1f} s"}
         line |= _quality(front)
         lines.append(line)
-    heading = [list(lines[0]), ["--"] * len(lines[0])]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in [*heading, *(line.values() for line in lines)])
+    return markdown_table(lines[0], (line.values() for line in lines), ("--",))
 
 
 def _quality(front: pd.DataFrame) -> dict[str, str]:

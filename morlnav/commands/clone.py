@@ -18,12 +18,12 @@ from morlnav.navigation.audit import Behaviour
 from morlnav.navigation.audit.noise import noisy_rollouts
 from morlnav.navigation.envs import GoalProgress, NavigationEnv
 from morlnav.navigation.evaluation import Outcome, Rollouts, evaluation_scenes
-from morlnav.navigation.evaluation.statistics import _interval
+from morlnav.navigation.evaluation.statistics import bootstrap_interval
 from morlnav.navigation.record.plots import plot_studies
 from morlnav.navigation.world import Scene
 from morlnav.runs import make_training
 from morlnav.trainers import Training, live_objects
-from morlnav.trainers.stages import Policy
+from morlnav.trainers.stages import Driver
 
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000)
@@ -86,7 +86,7 @@ class Studies:
         returns = torch.stack([self._baseline(self._clone(number)) for number in numbers])
         return self._table("demonstrations", numbers, returns)
 
-    def _clone(self, number: int | None = None) -> Policy:
+    def _clone(self, number: int | None = None) -> Driver:
         """The clone on whole observations, of as many demonstrations as the config says or of another number."""
         training = copy.copy(self.training)
         if number is not None:
@@ -104,14 +104,14 @@ class Studies:
             raise ValueError(f"The demonstrator reaches the goal in only {len(free)} of {4 * count} scenes.")
         return scenes[free]
 
-    def _drive(self, policy: Policy, scenes: Scene) -> Rollouts:
+    def _drive(self, policy: Driver, scenes: Scene) -> Rollouts:
         behaviour = Behaviour(lambda observation, _: policy(observation), self.max_steps)
         return behaviour.drive(scenes, world=self.world)
 
     def _whole_way(self) -> Tensor:
         return GoalProgress().scale * (self.scenes.goal - self.scenes.start[:, :2]).norm(dim=-1)
 
-    def _baseline(self, policy: Policy) -> Tensor:
+    def _baseline(self, policy: Driver) -> Tensor:
         """Normalised baseline returns ``[S]``."""
         return self._drive(policy, self.scenes).reward[0, ..., 0].sum(-1) / self._whole_way()
 
@@ -119,7 +119,7 @@ class Studies:
         rng, best = np.random.default_rng(self.seed), self._baseline(self.demonstrator).mean().item()
         rows = []
         for value, row in zip(values, returns.double().cpu().numpy(), strict=True):
-            low, high = _interval(row, 0.95, 1000, rng)
+            low, high = bootstrap_interval(row, 0.95, 1000, rng)
             ends = {"baseline_low": low, "baseline_high": high, "demonstrator": best}
             rows.append({name: value, "baseline": row.mean(), **ends})
         return pd.DataFrame(rows)

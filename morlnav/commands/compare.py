@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from morlnav.cli import one_sentence_errors, quiet
+from morlnav.cli import folder, one_sentence_errors, quiet
 from morlnav.commands.evaluate import navigation_of
 from morlnav.navigation.comparisons import COMPARISONS_FILE, draw_pairs, record_styles, write_page
 from morlnav.navigation.demonstrations import save_demonstrations
@@ -46,7 +46,7 @@ def main() -> None:
     quiet()
     parser = argparse.ArgumentParser(prog="morlnav-compare", description=__doc__.split(": ", 1)[1])
     parser.add_argument("run", type=Path, metavar="RUN_DIR", help="a run directory of morlnav-train")
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="receives the roll-outs and the page")
+    parser.add_argument("folder", type=folder, metavar="FOLDER", help="receives the roll-outs and the page")
     parser.add_argument("--pairs", type=int, default=30, help="to ask for (default: 30)")
     parser.add_argument("--scenes", type=int, default=10, help="to drive in (default: 10)")
     parser.add_argument(

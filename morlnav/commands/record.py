@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -128,7 +129,10 @@ def main() -> None:
     with one_sentence_errors(own_classes=True):
         files = [word for word in args.files or () if "=" not in word or Path(word).exists()]
         overrides = [*args.overrides, *(word for word in args.files or () if word not in files)]
-        node = plain(composed(overrides).env)
+        cfg = composed(overrides)
+        if other := [word for word in overrides if not re.match(r"[+~]*(env|world)\b", word)]:
+            raise ValueError(f"{other[0]} changes no recording, but for env and world nothing does.")
+        node = plain(cfg.env)
         check(node, "env", ("seed",), NavigationEnv)
         env = build(node | {"num_envs": 1}, "env", seed=args.seed).eval()
         if files:

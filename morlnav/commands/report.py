@@ -9,13 +9,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from morlnav.analysis import load_settings, load_sweep
-from morlnav.cli import one_sentence_errors, quiet, set_threads
+from morlnav.cli import folder, one_sentence_errors, quiet, set_threads
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.evaluation.seeds import aggregate_scores, compare_scores
 from morlnav.evaluation.seeds_plot import plot_curves, plot_scores
-from morlnav.navigation.evaluation.sweep import TABLE_ONE, Sweep, paper_name, read_table
+from morlnav.navigation.evaluation.sweep import TABLE_ONE, Sweep, paper_name, read_columns
 from morlnav.navigation.record.exact_front_plot import plot_reached_fronts
 from morlnav.navigation.record.plots import plot_metrics, plot_studies, plot_trajectories
+from morlnav.record.markdown import markdown_table
 from morlnav.runs import Run
 
 STUDIED = ["baseline", "baseline_low", "baseline_high", "demonstrator"]
@@ -65,7 +66,7 @@ class Report:
         for letter, (study, first) in zip("ab", STUDIES.items(), strict=True):
             file, columns = self.directory / "clone" / f"{study}.csv", [first, *STUDIED]
             if file.is_file():
-                tables.append(read_table(file, columns)[columns])
+                tables.append(read_columns(file, columns)[columns])
             else:
                 self.notes.append(
                     f"No Fig. 2{letter}: `morlnav-clone {study} --output {file.parent}` makes {file.name}."
@@ -142,7 +143,8 @@ class Report:
                 table = self.readable(name)
                 self.tables[name].to_csv(output / f"{name}.csv", index=False)
                 (output / f"{name}.tex").write_text(_latex(table), encoding="utf-8")
-                page += [f"## {title.format(agent=self.sweep.agent)}", "", text, "", _markdown(table), ""]
+                shown = markdown_table(table, table.to_numpy(), (":--",))
+                page += [f"## {title.format(agent=self.sweep.agent)}", "", text, "", shown, ""]
         page += ["## Figures", ""]
         for name, (method, caption) in FIGURES.items():
             if (figure := getattr(self, method)()) is not None:
@@ -218,11 +220,6 @@ def _interval(mean: float, low: float = float("nan"), high: float = float("nan")
     return f"{mean:.{digits}f}" + ("" if pd.isna(low) else f" [{low:.{digits}f}, {high:.{digits}f}]")
 
 
-def _markdown(table: pd.DataFrame) -> str:
-    cells = [list(table), [":--"] * table.shape[1], *table.astype(str).to_numpy().tolist()]
-    return "\n".join(f"| {' | '.join(cell.replace('|', ' ') for cell in row)} |" for row in cells)
-
-
 def _latex(table: pd.DataFrame) -> str:
     text = table.to_latex(index=False, escape=True)
     for letter, command in {"λ": r"$\lambda$", "γ": r"$\gamma$", "–": "--"}.items():
@@ -272,7 +269,7 @@ def main() -> None:
     parser.add_argument(
         "sweep", type=Path, nargs="+", metavar="SWEEP_DIR", help="of morlnav-train -m, or run directories"
     )
-    parser.add_argument("--output", type=Path, help="where the report goes (default: SWEEP_DIR/report)")
+    parser.add_argument("--output", type=folder, help="where the report goes (default: SWEEP_DIR/report)")
     parser.add_argument("--scenes", type=int, default=4, help="that Fig. 3 shows (default: 4)")
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     args = parser.parse_args()

@@ -11,12 +11,14 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext, suppress
 from importlib.metadata import version
 from pathlib import Path
 
 import hydra
 import torch
+from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import env_override
 from hydra.types import RunMode
@@ -37,14 +39,14 @@ from morlnav.cli import (
 from morlnav.config import check, plain, setting
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.files import write_text
-from morlnav.record.progress import stage
+from morlnav.record.console import stage
 from morlnav.runs import CONFIG_FILE, Run, make_training
 from morlnav.runs.directory import remove_leftovers, reserved
 from morlnav.runs.resuming import resumed_words
 from morlnav.runs.settings import Settings, refuse_without_clones
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
-from morlnav.trainers.workers import watched
+from morlnav.trainers.collectors import watched
 
 STOP = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 """What asks a training to leave a checkpoint and end: Ctrl-C, a scheduler, a terminal that closes."""
@@ -91,8 +93,8 @@ def _left_by_a_sweep(cfg: DictConfig, directory: Path) -> Run | None:
 def _begin(settings: Settings, training: Training) -> Trainer:
     """A trainer at its start, with the rewards that are learned first."""
     settings.refuse_another_run()
-    settings.save()  # what is learned first belongs to it
     directory, logger = settings.directory, training.make_logger(settings.directory)
+    settings.save()  # what is learned first belongs to it
     torch.manual_seed(training.seed)
     trainer = training.make_trainer(directory, training.learn_rewards(directory, logger), logger)
     remove_leftovers(directory)
@@ -109,6 +111,7 @@ def _continue(settings: Settings, training: Training, checkpoint: Path) -> Train
         checkpoint = load_checkpoint(trainer, checkpoint)
         if trainer.collected_frames >= trainer.total_frames:
             settings.refuse_to_change_a_finished_run()
+        trainer.logger = training.make_logger(settings.directory)
     except BaseException as error:
         trainer.collector.shutdown()  # or its workers would stay
         if isinstance(error, CheckpointError):
@@ -121,7 +124,6 @@ def _continue(settings: Settings, training: Training, checkpoint: Path) -> Train
         trainer.register_op("setup", lambda: trainer._pbar.update(trainer.collected_frames))
     remove_leftovers(settings.directory)
     settings.save()
-    trainer.logger = training.make_logger(settings.directory)
     return trainer
 
 
@@ -200,12 +202,21 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     write_text(path, json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
 
 
+@contextmanager
+def _removed_if_empty(directory: Path) -> Iterator[None]:
+    """Hydra makes the directory before a config can be refused; what was refused leaves nothing."""
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            os.removedirs(os.path.relpath(directory))
+
+
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
+    directory = Path(HydraConfig.get().runtime.output_dir)
     # Here too, for Hydra would add a line of its own to an error that leaves this function.
-    with one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
-        refuse_choices(HydraConfig.get().overrides.task)
-        directory = Path(HydraConfig.get().runtime.output_dir)
+    with _removed_if_empty(directory), one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
         finished = (_left_by_a_sweep(cfg, directory) if _is_sweep() else None) or run(cfg, directory)
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too
@@ -225,6 +236,8 @@ def main() -> None:
 
 
 def _run_words() -> None:
+    words = get_args_parser().parse_args().overrides
+    refuse_choices([word for word in words if not word.startswith("resume=")])
     sys.argv[1:], own_classes = resumed_words(sys.argv[1:])
     if own_classes:
         sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder

@@ -79,6 +79,8 @@ class ReplayBuffer(TensorDictReplayBuffer):
     ) -> None:
         if batch_size < 1 or batch_size > storage.max_size:
             raise ValueError(f"batch_size must be from 1 to the storage's {storage.max_size}, got {batch_size}.")
+        if (capacity := getattr(sampler, "_max_capacity", storage.max_size)) < storage.max_size:  # of priorities
+            raise ValueError(f"sampler.max_capacity must be at least the storage's {storage.max_size}, got {capacity}.")
         super().__init__(
             storage=storage,
             sampler=sampler,

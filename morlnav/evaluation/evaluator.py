@@ -14,6 +14,7 @@ from morlnav.evaluation.front import describe_front, front_table, read_reference
 from morlnav.evaluation.labels import preference_label
 from morlnav.evaluation.pareto import expected_utility
 from morlnav.evaluation.returns import discounted_returns, eval_env
+from morlnav.record.markdown import markdown_table
 from morlnav.simplex import preference_edges, simplex_grid
 
 HELD_OUT = 2**31
@@ -77,7 +78,7 @@ class Evaluation:
 
     def preferences(self, steps: int | None = None) -> Tensor:
         """The evaluated preferences ``[P, n]``."""
-        return preference_edges(self.num_objectives, steps or self.steps)
+        return preference_edges(self.num_objectives, self.steps if steps is None else steps)
 
     def measure(self, policy: nn.Module, episodes: int, steps: int) -> dict[str, float]:
         """Scalars of a policy that is still learning, on episodes of their own.
@@ -102,7 +103,8 @@ class Evaluation:
         table = front_table(preferences, returns, self.rewards, self.known_reference, self.scalarisation)
         directory.mkdir(parents=True, exist_ok=True)
         table.to_csv(directory / "front.csv", index=False)
-        text = f"{_markdown(_shown(table))}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
+        shown = markdown_table(_shown(table), _shown(table).map("{:.4g}".format).to_numpy())
+        text = f"{shown}\n\n{self.episodes} episodes per preference. {describe_front(table)}"
         if self.num_objectives > 1:
             from morlnav.evaluation.front_plot import plot_front  # loads matplotlib
 
@@ -147,9 +149,3 @@ def _shown(table: pd.DataFrame) -> pd.DataFrame:
     """The columns of a front that a person reads, under names that a person reads."""
     names = [name for name in table if name.startswith(("lambda_", "return_")) or name == "utility"]
     return table[names].rename(columns=lambda name: name.replace("lambda_", "λ ").replace("_", " "))
-
-
-def _markdown(table: pd.DataFrame) -> str:
-    cells = [list(table), ["--:"] * table.shape[1]]
-    cells += [[f"{value:.4g}" for value in row] for row in table.itertuples(index=False)]
-    return "\n".join(f"| {' | '.join(row)} |" for row in cells)

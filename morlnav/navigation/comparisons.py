@@ -118,12 +118,14 @@ def draw_pairs(scenes: int, preferences: int, num: int, seed: int = 0) -> list[t
         seed: of the draw.
 
     Raises:
-        ValueError: if there are not so many.
+        ValueError: if there are not so many, or no scenes.
 
     Examples:
         >>> draw_pairs(scenes=1, preferences=3, num=3)
         [(2, 1), (1, 0), (2, 0)]
     """
+    if scenes < 1:
+        raise ValueError(f"scenes must be at least 1, got {scenes}.")
     styles = list(combinations(range(preferences), 2))
     every = [(first * scenes + s, second * scenes + s) for first, second in styles for s in range(scenes)]
     if not 1 <= num <= len(every):

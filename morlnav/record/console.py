@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 import pandas as pd
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from tqdm import tqdm
 
 
 def make_console() -> Console:
@@ -56,3 +58,16 @@ def print_first_that_fits(tables: Iterable[Table], console: Console) -> None:
         if console.measure(table, options=console.options.update(width=1000)).maximum <= console.width:
             break
     console.print(table)
+
+
+@contextmanager
+def stage(name: str, show: bool) -> Iterator[Callable[[str], None]]:
+    """One line: the stage's name, and the time it took. Gives a function that adds a remark to the line."""
+    with tqdm(desc=name, bar_format="{desc}: {elapsed}{postfix}", disable=not show) as line:
+        remarks: list[str] = []
+
+        def remark(text: str) -> None:
+            remarks.append(text)
+            line.set_postfix_str(", ".join(remarks))
+
+        yield remark

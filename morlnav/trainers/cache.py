@@ -17,7 +17,7 @@ from torch import nn
 
 from morlnav.files import digest, sha256
 from morlnav.modules import load_module, read_facts, save_module
-from morlnav.record.progress import stage
+from morlnav.record.console import stage
 
 T = TypeVar("T")
 

@@ -18,7 +18,7 @@ from morlnav.config import classes, supply
 from morlnav.modules import load_module, read_facts, save_module
 from morlnav.trainers.cache import Cache
 from morlnav.trainers.live import live_objects
-from morlnav.trainers.stages import Cloning, Demonstrations, Policy, Ranking
+from morlnav.trainers.stages import Cloning, Demonstrations, Driver, Judge, Ranking
 from morlnav.transforms import DemonstrationReward
 
 CLONE_FILE = "clone.pt"
@@ -37,7 +37,7 @@ class LearnedReward:
     """
 
     transform: DemonstrationReward
-    demonstrator: Policy | None = None
+    demonstrator: Driver | None = None
     clone: nn.Module | None = None
     demonstrations: TensorDict | None = None
 
@@ -70,7 +70,7 @@ class DREX:
         demonstrations: Mapping[str, Demonstrations | None],
         clone: Cloning,
         ranking: Ranking,
-        audit: Any = None,
+        audit: Judge | None = None,
         num: int = 1000,
         scale: float = 10.0,
         offset: float = -1.0,
@@ -170,7 +170,7 @@ class DREX:
         return self._learned(name, load_module(file, trust=self.trust), policy or clone, clone)
 
     def _learned(
-        self, name: str, reward: nn.Module, demonstrator: Policy, clone: nn.Module, data: TensorDict | None = None
+        self, name: str, reward: nn.Module, demonstrator: Driver, clone: nn.Module, data: TensorDict | None = None
     ) -> LearnedReward:
         entry = self.live["num_static"] + self.names.index(name)
         transform = DemonstrationReward(reward, self.scale, self.offset, entry, name)
@@ -188,7 +188,7 @@ class DREX:
             torch.manual_seed(self.seed)  # the same clone, and the same draws after it, whatever comes from the cache
             return self.clone(data, self.live, **display)
 
-    def _rank(self, clone: Policy, **display: Any) -> tuple[nn.Module, dict[str, Any]]:
+    def _rank(self, clone: Driver, **display: Any) -> tuple[nn.Module, dict[str, Any]]:
         torch.manual_seed(self.seed)
         rollouts = self.ranking.roll_out(
             clone, lambda count: self.make_env(num_envs=count, seed=self.seed + 1), self.live
@@ -197,7 +197,7 @@ class DREX:
         return model, {"held_out": scores}
 
     def _audit(
-        self, name: str, reward: nn.Module, demonstrator: Policy, reasons: list[str], directory: Path | None
+        self, name: str, reward: nn.Module, demonstrator: Driver, reasons: list[str], directory: Path | None
     ) -> dict[str, Any]:
         def judge(path: Path) -> None:
             self.audit.judge(

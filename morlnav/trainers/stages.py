@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import torch
 from tensordict import TensorDict
@@ -20,17 +20,18 @@ from morlnav.modules import NormalisedReward, RewardEnsemble
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.supervised import Fit
 
-Policy = Callable[[Tensor], Tensor]
+Driver = Callable[[Tensor], Tensor]
+"""From observations ``[B, D]`` to actions ``[B, A]``, without a preference."""
 
 
 class Demonstrations(ABC):
     """Where demonstrations come from, and how they are kept.
 
     Attributes:
-        policy: who demonstrated, from observations ``[B, D]`` to actions ``[B, A]``; ``None`` if nobody can be asked.
+        policy: who demonstrated; ``None`` if nobody can be asked.
     """
 
-    policy: Policy | None = None
+    policy: Driver | None = None
 
     key: str = ""
     """What they depend on beyond their config, such as a hash of files."""
@@ -51,9 +52,25 @@ class Demonstrations(ABC):
         """What :meth:`save` kept."""
         return TensorDict.load_memmap(path).clone()
 
-    def judge(self, clone: Policy, data: TensorDict) -> tuple[dict[str, Any], list[str]]:
+    def judge(self, clone: Driver, data: TensorDict) -> tuple[dict[str, Any], list[str]]:
         """Facts about a clone that stands in for a demonstrator who cannot be asked, and reasons against it."""
         return {}, []
+
+
+class Judge(Protocol):
+    """Tells whether a learned reward prefers what was demonstrated.
+
+    Attributes:
+        required: a reward that fails ends the pipeline.
+    """
+
+    required: bool
+
+    def judge(self, reward: nn.Module, demonstrator: Driver, output: Path, **paid: Any) -> object:
+        """Write a report into a folder that is made."""
+
+    def read(self, report: Path) -> dict[str, Any]:
+        """What such a report says: ``passed``, and ``reasons`` against the reward."""
 
 
 class Cloning:
@@ -166,12 +183,18 @@ class Ranking:
         self.key = comparisons.key if comparisons is not None else ""
 
     def try_parts(self, live: Mapping[str, Any]) -> None:
-        """Make noise and models once, to find out what they refuse before anything is rolled out."""
-        supply(self.noise, **{**live, "epsilon": torch.zeros(1)})
+        """Make noise and models once, to find out what they refuse before anything is rolled out.
+
+        Raises:
+            ValueError: for that, and for snippets longer than an episode.
+        """
+        if (self.snippet or 1) > live["max_steps"]:
+            raise ValueError(f"rewards.ranking.snippet must be at most the {live['max_steps']} steps of an episode.")
+        supply(self.noise, **{**live, "epsilon": torch.tensor(self.levels)})
         for inputs in self.members:
             supply(self.model, **{**live, "inputs": list(inputs)})
 
-    def roll_out(self, clone: Policy, make_env: Callable[[int], EnvBase], live: Mapping[str, Any]) -> TensorDict:
+    def roll_out(self, clone: Driver, make_env: Callable[[int], EnvBase], live: Mapping[str, Any]) -> TensorDict:
         """The clone under every noise level, ``[levels, episodes, T]``."""
         return roll_out_ranked(
             clone,

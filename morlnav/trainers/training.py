@@ -23,18 +23,17 @@ from torchrl.envs import Compose, EnvBase, RewardScaling, Transform, Transformed
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
-from morlnav.config import Part, as_part, build, first_line, setting, supply, takes
+from morlnav.config import Part, as_part, build, check, first_line, setting, supply, takes
 from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
 from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
-from morlnav.trainers.collectors import make_collector, num_workers, share_of
+from morlnav.trainers.collectors import RolloutState, make_collector, num_workers, share_of
 from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
 from morlnav.trainers.hooks import StepExploration
 from morlnav.trainers.live import live_objects, side_by_side
 from morlnav.trainers.refinement import PathwiseRefinement
-from morlnav.trainers.rollout_state import RolloutState
 from morlnav.trainers.stepper import MORLTD3Stepper
 
 KEPT = ("observation", "preference", "action")
@@ -104,6 +103,8 @@ class Training:
                 setattr(self, name, as_part(value, name))
         self.transforms = {name: part for name, part in self.transforms.items() if part is not None}
         self.hooks = {name: part for name, part in (self.hooks or {}).items() if part is not None}
+        if compile is not None:
+            check({"_target_": "torch.compile", **compile}, "compile", ("model",))
         if not 0 <= seed < 2**31:
             raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, got {seed}.")
         if device.startswith("meta"):
@@ -237,13 +238,13 @@ class Training:
         return trainer
 
     def rehearse(self, directory: Path) -> None:
-        """Build every part once, with rewards of nothing in place of learned ones, to find out what does not fit.
+        """Build every part but the logger, with rewards of nothing in place of learned ones, and judge one batch.
 
         Args:
             directory: where a part may write that writes at once.
 
         Raises:
-            ValueError: for whatever a constructor refuses.
+            ValueError: for whatever a constructor refuses, and for networks that do not fit.
         """
         state = torch.get_rng_state()
         learned = {} if self.rewards is None else self.pipeline().untrained()
@@ -252,9 +253,16 @@ class Training:
             share_of(num_workers(self.collector), self.base_env().batch_size.numel())
             frames = setting(self.collector, "frames_per_batch")
             brief.collector = partial(Collector, backend="direct", frames_per_batch=frames)
-        trainer = brief.make_trainer(directory, learned, self.make_logger(directory))
-        trainer.collector.shutdown()
         self.make_refinement(learned)
+        trainer = brief.make_trainer(directory, learned)
+        loss, batch = trainer.loss_module, next(iter(trainer.collector)).flatten()
+        try:
+            for method in (type(loss).value_loss, type(loss).actor_loss):  # not compiled, which would take a minute
+                method(loss, batch)
+        except (ValueError, TypeError, RuntimeError) as error:
+            raise ValueError(f"loss, with actor and critic: {first_line(error)}") from error
+        finally:
+            trainer.collector.shutdown()
         torch.set_rng_state(state)
 
     def make_evaluation(self, learned: Mapping[str, LearnedReward]) -> Evaluation:
@@ -297,7 +305,7 @@ class Training:
         """The logger, which writes into ``directory/logs``."""
         if self.logger is None:
             return None
-        return supply(self.logger, exp_name="logs", log_dir=str(directory), save_dir=str(directory / "logs"))
+        return supply(self.logger, exp_name="logs", log_dir=str(directory))
 
     def _live(self, env: TransformedEnv, **more: Any) -> dict[str, Any]:
         live = live_objects(env) | {"seed": self.seed, "device": self.device} | more
@@ -354,7 +362,7 @@ class Training:
         frames, side_by_side = setting(self.collector, "frames_per_batch"), env.batch_size.numel()
         if frames < 1 or frames % side_by_side:
             raise ValueError(
-                f"collector.frames_per_batch ({frames}) must be a multiple of the {side_by_side} environments "
+                f"collector.frames_per_batch ({frames}) must be a positive multiple of the {side_by_side} environments "
                 f"(env.num_envs)."
             )
         if (random := setting(self.collector, "init_random_frames")) is not None and random < 0:

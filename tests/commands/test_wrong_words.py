@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from morlnav.commands import audit, clone, evaluate, record
+from morlnav.commands import audit, clone, compare, evaluate, record, report
 from morlnav.deployment import export
 
-COMMANDS = {"audit": audit, "clone": clone, "evaluate": evaluate, "export": export, "record": record}
+COMMANDS = {"audit": audit, "clone": clone, "compare": compare, "evaluate": evaluate, "export": export}
+COMMANDS |= {"record": record, "report": report}
 DEFAULT = Path(__file__).parents[2] / "results" / "default"
 
 # RUN is a finished run; in the present folder lie rooms.yaml, nan.yaml, drive.csv, a folder `empty` and a file `taken`.
@@ -155,6 +156,29 @@ noise =3                                 | =3
 noise --epsiodes 3                       | unrecognized arguments: --epsiodes
 """
 
+COMPARE = """
+                                         | the following arguments are required: RUN_DIR, FOLDER
+nowhere new                              | nowhere is not a run directory
+RUN taken                                | taken is a file, and no folder for results
+RUN taken/deeper                         | taken is a file, and no folder for results
+RUN new --steps 0                        | steps must be at least 1, got 0
+RUN new --scenes 0                       | scenes must be at least 1, got 0
+RUN new --pairs 0                        | make 1 to 150 pairs, got 0
+RUN new --seed -1                        | The seed of evaluation scenes must be in [0, 2**31), got -1
+RUN new --epsiodes 3                     | unrecognized arguments: --epsiodes
+"""
+
+REPORT = """
+                                         | the following arguments are required: SWEEP_DIR
+nowhere                                  | nowhere holds no runs
+empty                                    | empty holds no runs
+RUN                                      | is evaluated
+RUN --scenes 0                           | scenes must be at least 1, got 0
+RUN --output taken                       | taken is a file, and no folder for results
+RUN --output taken/deeper                | taken is a file, and no folder for results
+RUN --threads 0                          | threads must be from 1 to 1024
+"""
+
 RECORD = """
                                          | the following arguments are required: FOLDER
 new --import nowhere.csv                 | nowhere.csv
@@ -173,6 +197,9 @@ new +env.foo=1                           | env.foo is no argument
 new env.world.step_time=0                | env.world.step_time must be positive
 new env.scenes.distance=[9,3]            | env.scenes.distance needs 0 < low <= high
 new foo=1                                | There is no foo in the config
+new trainer.total_frames=5               | trainer.total_frames=5 changes no recording
+new seed=3                               | seed=3 changes no recording
+new env.objectives={}                    | env.objectives={} would change nothing
 new --frame-rate 3                       | unrecognized arguments: --frame-rate
 taken                                    | taken
 taken/deeper                             | taken
@@ -187,6 +214,8 @@ def cases():
         ("export", EXPORT),
         ("clone", CLONE),
         ("record", RECORD),
+        ("compare", COMPARE),
+        ("report", REPORT),
     ):
         for line in table.strip("\n").splitlines():
             words, _, said = line.partition(" | ")

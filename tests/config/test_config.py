@@ -4,6 +4,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Literal, Protocol
 
 import pytest
@@ -215,7 +216,8 @@ def test_functions_and_callables_serve_where_something_is_called():
         (1, torch.device, False),
         (0.5, torch.Tensor, True),
         (None, nn.Module, False),
-        ("linear", nn.Module, True),  # other libraries know what they make of a word
+        ("linear", nn.Module, False),
+        ("here", Path | None, True),
         (3, nn.Module, False),
         (1, Literal["1"], False),
         (None, Wheel | None, True),

@@ -74,7 +74,7 @@ def begun_with(run, *words):
         ("loss.num_qvalue_nets=3", r"not load with other settings \(loss\.num_qvalue_nets: 2 then, 3 now\)"),
         ("trainer.batchsize=3", "There is no batchsize in trainer"),
         ("+trainer.batchsize=3", r"trainer\.batchsize is no argument of"),
-        ("collector.frames_per_batch=100", r"must be a multiple of the 16 environments"),
+        ("collector.frames_per_batch=100", r"must be a positive multiple of the 16 environments"),
         ("device=nowhere", "device=nowhere cannot be used"),
         ("-m", "continues one run; leave out -m"),
     ],

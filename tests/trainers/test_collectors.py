@@ -10,8 +10,7 @@ from support import ANALYTICAL, SMALL, configure, trainer_for
 
 from morlnav.commands.train import STOP, run
 from morlnav.runs import make_training
-from morlnav.trainers.collectors import _make_workers_env
-from morlnav.trainers.workers import watched
+from morlnav.trainers.collectors import _make_workers_env, watched
 
 FATAL = """
 import multiprocessing, os, signal

@@ -14,7 +14,7 @@ from torch import Tensor
 from morlnav.data import roll_out_ranked
 from morlnav.modules import EpsilonGreedyNoise
 from morlnav.navigation.envs import Collision, GoalProgress, NavigationEnv, Sum
-from morlnav.navigation.evaluation.statistics import _interval
+from morlnav.navigation.evaluation.statistics import bootstrap_interval
 from morlnav.navigation.world import Scene, TensorWorld, World, without_human
 from morlnav.transforms import DemonstrationReward
 
@@ -109,7 +109,7 @@ def judge_noise(
 
     rows = []
     for level, values, returns, lengths in zip(levels, mean, baseline, steps, strict=True):
-        low, high = _interval(values.numpy(), 0.95, 1000, rng)
+        low, high = bootstrap_interval(values.numpy(), 0.95, 1000, rng)
         row = {"epsilon": level, "mean_reward": values.mean(), "mean_reward_low": low, "mean_reward_high": high}
         rows.append(row | {"baseline": returns.mean(), "steps": lengths.double().mean()})
     noise = pd.DataFrame(rows).astype(float)

@@ -11,7 +11,7 @@ import torch
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from morlnav.navigation.record.plots import BOX, GOAL, HUMAN, _tidy
+from morlnav.navigation.record.plots import BOX, GOAL, HUMAN, tidy
 from morlnav.record.colours import COLOURS, INK
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def plot_margins(behaviours: pd.DataFrame) -> Figure:
     axes.set_yticks(y, rows["behaviour"])
     axes.set_xlabel("margin of the target's return over the alternative's", fontsize=9)
     axes.legend(frameon=False, fontsize=8, loc="lower right")
-    _tidy(axes)
+    tidy(axes)
     return figure
 
 
@@ -78,7 +78,7 @@ def plot_noise(noise: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
     pairs.plot(calibration["predicted"], calibration["empirical"], "o-", color=COLOURS["efficiency"], ms=4)
     pairs.set(xlim=(0, 1), ylim=(0, 1), xlabel="predicted chance of less noise", ylabel="share with less noise")
     for axes in (reward, baseline, pairs):
-        _tidy(axes)
+        tidy(axes)
     return figure
 
 
@@ -121,7 +121,7 @@ def plot_plans(
         axes.plot(*reference.cpu().T, color=INK, lw=1.2, ls=(0, (1, 1.5)), zorder=6, label="demonstration")
         axes.plot(*plan.path.T, color=COLOURS["distance"], lw=1.8, zorder=5, label="optimum of the reward")
         axes.plot(*plan.scene.goal.tolist(), "*", color=GOAL, ms=14, mec="w", mew=0.8, zorder=6)
-        _tidy(axes)
+        tidy(axes)
         axes.grid(False)
         low, high = plan.grid.amin((0, 1)), plan.grid.amax((0, 1))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")

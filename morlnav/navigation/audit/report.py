@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from morlnav.navigation.audit.verdict import Audit
+from morlnav.record.markdown import markdown_table
 
 FACTS = {
     "target_reward": "mean reward of the target",
@@ -58,26 +59,23 @@ def write_audit(audit: Audit, directory: str | Path, settings: Mapping[str, Any]
 
 def _report(audit: Audit) -> str:
     lines = [f"**{'Passed' if audit.passed else 'Failed'}.**", *[f"- {reason}" for reason in audit.reasons], ""]
-    lines += [
-        "| behaviour | return | mean reward | margin | 95 % interval | required | scenes |",
-        "|:--" + "|--:" * 6 + "|",
-    ]
+    behaviours = []
     for row in audit.behaviours.itertuples():
         interval = "–" if pd.isna(row.margin_low) else f"{row.margin_low:.0f} … {row.margin_high:.0f}"
         margin, required = ("–" if pd.isna(x) else f"{x:.0f}" for x in (row.margin, row.required))
-        cells = (row.behaviour, f"{row.score:.0f}", f"{row.mean_reward:.2f}", margin, interval, required, row.pairs)
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    lines += ["", "| ε | mean reward | baseline return (normalised) |", "|--:|--:|--:|"]
-    lines += [f"| {row.epsilon:.2f} | {row.mean_reward:.2f} | {row.baseline:.2f} |" for row in audit.noise.itertuples()]
+        numbers = f"{row.score:.0f}", f"{row.mean_reward:.2f}", margin, interval, required, row.pairs
+        behaviours.append((row.behaviour, *numbers))
+    head = "behaviour", "return", "mean reward", "margin", "95 % interval", "required", "scenes"
+    lines += [markdown_table(head, behaviours, (":--", "--:")), ""]
+    noise = audit.noise[["epsilon", "mean_reward", "baseline"]].map("{:.2f}".format)
+    lines.append(markdown_table(("ε", "mean reward", "baseline return (normalised)"), noise.to_numpy()))
     if len(audit.plans):
-        lines += [
-            "",
-            "| scene planned | boxes | ends | Fréchet m | min d_h m | human on the |",
-            "|--:|--:|:--|--:|--:|:--|",
-        ]
-    for row in audit.plans.itertuples():
-        side = "right" if row.human_on_right else "left"
-        cells = (row.scene, row.boxes, row.outcome, f"{row.frechet:.2f}", f"{row.min_human_distance:.2f}", side)
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
+        head = "scene planned", "boxes", "ends", "Fréchet m", "min d_h m", "human on the"
+        plans = []
+        for row in audit.plans.itertuples():
+            side = "right" if row.human_on_right else "left"
+            distances = f"{row.frechet:.2f}", f"{row.min_human_distance:.2f}"
+            plans.append((row.scene, row.boxes, row.outcome, *distances, side))
+        lines += ["", markdown_table(head, plans, ("--:", "--:", ":--", "--:", "--:", ":--"))]
     lines += ["", *[f"- {text}: {audit.facts[name]:.2f}" for name, text in FACTS.items()]]
     return "\n".join(lines)

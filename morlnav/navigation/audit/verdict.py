@@ -18,7 +18,7 @@ from morlnav.navigation.envs import Transition
 from morlnav.navigation.evaluation.metrics import frechet_distance, winding
 from morlnav.navigation.evaluation.references import reference_paths, without_boxes
 from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluation_scenes
-from morlnav.navigation.evaluation.statistics import _interval
+from morlnav.navigation.evaluation.statistics import bootstrap_interval
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import Scene, TensorWorld, World, without_human
 from morlnav.transforms import DemonstrationReward
@@ -208,7 +208,7 @@ def _compare(
     for name, rollouts in driven.items():
         paired = target & (rollouts.outcome[0].cpu() == Outcome.GOAL) if suite[name].arrives else target
         margin = (score["target"] - score[name])[paired].numpy()
-        low, high = (math.nan, math.nan) if name == "target" else _interval(margin, 0.95, 1000, rng)
+        low, high = (math.nan, math.nan) if name == "target" else bootstrap_interval(margin, 0.95, 1000, rng)
         per_step = score[name][paired] / (scale * steps[name][paired]) - offset
         alike = suite[name].arrives and _alike(rollouts, driven["target"], paired, thresholds.alike)
         rows.append(

@@ -5,7 +5,7 @@ from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_dista
 from morlnav.navigation.evaluation.paths import shortest_path, shortest_polylines
 from morlnav.navigation.evaluation.possible import ExactFront, best_utility, exact_front, possible_table
 from morlnav.navigation.evaluation.references import reference_paths
-from morlnav.navigation.evaluation.report import markdown_table, write_report
+from morlnav.navigation.evaluation.report import write_report
 from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluate_policy, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise
 
@@ -22,7 +22,6 @@ __all__ = [
     "exact_front",
     "fidelity",
     "frechet_distance",
-    "markdown_table",
     "overall",
     "possible_table",
     "reference_paths",

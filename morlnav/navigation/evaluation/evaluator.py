@@ -36,6 +36,9 @@ class NavigationEvaluation(Evaluation):
         demonstrators: by objective, who drives as demonstrated, to measure Fréchet distances to.
         max_steps: time limit of an episode.
         settings: further arguments of :class:`~morlnav.evaluation.Evaluation`; its seed is that of the scenes.
+
+    Raises:
+        ValueError: for numbers out of range, or an environment of another kind.
     """
 
     def __init__(
@@ -48,6 +51,8 @@ class NavigationEvaluation(Evaluation):
     ) -> None:
         super().__init__(episodes, max_steps=max_steps, **settings)
         self.demonstrators = demonstrators
+        if not isinstance(self.env, NavigationEnv):
+            raise ValueError(f"NavigationEvaluation measures a NavigationEnv, and no {type(self.env).__name__}.")
 
     @cached_property
     def env(self) -> NavigationEnv:
@@ -81,7 +86,9 @@ class NavigationEvaluation(Evaluation):
         if self._scenes is not None and episodes is None and seed is None:
             return self._scenes
         return evaluation_scenes(
-            episodes or self.episodes, seed=self.seed if seed is None else seed, sampler=self.env.scenes
+            self.episodes if episodes is None else episodes,
+            seed=self.seed if seed is None else seed,
+            sampler=self.env.scenes,
         )
 
     def use(self, scenes: Scene) -> None:

@@ -22,6 +22,7 @@ from morlnav.navigation.evaluation.possible import (
 from morlnav.navigation.evaluation.rollout import Rollouts
 from morlnav.navigation.evaluation.statistics import compare_extremes, fidelity, overall, summarise, tuneable_objectives
 from morlnav.navigation.world import World
+from morlnav.record.markdown import markdown_table
 
 TABLE = {
     "SR": ("SR %", 1),
@@ -139,9 +140,10 @@ def _known(reference_point: Tensor | None, rewards: Sequence[str]) -> Tensor | N
 def _table(total: pd.DataFrame, summary: pd.DataFrame, **tables: pd.DataFrame) -> str:
     weights = [name for name in summary if name.startswith("lambda_")]
     shown = _shown(summary)
-    last = ["**all**", *[""] * (len(weights) - 1), *cells(total.iloc[0], shown)]
-    lines = [markdown_table(summary, weights), _row(last), ""]
-    return "\n".join([*lines, *sentences(summary, **tables)])
+    rows = [[f"{row[name]:.2f}" for name in weights] + cells(row, shown) for _, row in summary.iterrows()]
+    rows.append(["**all**", *[""] * (len(weights) - 1), *cells(total.iloc[0], shown)])
+    headings = [name.removeprefix("lambda_") for name in weights] + [column(name)[0] for name in shown]
+    return "\n".join([markdown_table(headings, rows), "", *sentences(summary, **tables)])
 
 
 def sentences(
@@ -172,23 +174,6 @@ def sentences(
     return [*lines, describe_front(front)]
 
 
-def markdown_table(summary: pd.DataFrame, labels: Sequence[str]) -> str:
-    """The metrics of :data:`TABLE` that ``summary`` has, a row per row, as a Markdown table led by ``labels``.
-
-    >>> print(markdown_table(pd.DataFrame({"room": ["hall"], "SR": [100.0]}), ["room"]))
-    | room | SR % |
-    | --: | --: |
-    | hall | 100.0 |
-    """
-    shown = _shown(summary)
-    heading = [name.removeprefix("lambda_") for name in labels] + [column(name)[0] for name in shown]
-    lines = [_row(heading), _row(["--:"] * len(heading))]
-    for _, row in summary.iterrows():
-        lead = [row[name] if isinstance(row[name], str) else f"{row[name]:.2f}" for name in labels]
-        lines.append(_row(lead + cells(row, shown)))
-    return "\n".join(lines)
-
-
 def _shown(summary: pd.DataFrame) -> list[str]:
     """The columns that a person reads, among them the distance to every objective's own demonstration."""
     own = [frechet_column(name) for name in tuneable_objectives(summary)]
@@ -203,7 +188,3 @@ def column(name: str) -> tuple[str, int]:
 def cells(row: pd.Series, names: Sequence[str]) -> list[str]:
     """The metrics of a row as they are read; a dash for what no episode gave."""
     return ["–" if pd.isna(row[name]) else f"{row[name]:.{column(name)[1]}f}" for name in names]
-
-
-def _row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"

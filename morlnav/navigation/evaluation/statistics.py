@@ -94,7 +94,7 @@ def _summary_row(group: pd.DataFrame, confidence: float, resamples: int, rng: np
     for name in metric_columns(group):
         values = metric_values(group, name)
         row[name] = values.mean() if len(values) else np.nan
-        row[f"{name}_low"], row[f"{name}_high"] = _interval(values, confidence, resamples, rng)
+        row[f"{name}_low"], row[f"{name}_high"] = bootstrap_interval(values, confidence, resamples, rng)
     return row
 
 
@@ -109,7 +109,10 @@ def metric_values(frame: pd.DataFrame, metric: str) -> np.ndarray:
     return values[np.isfinite(values)]
 
 
-def _interval(values: np.ndarray, confidence: float, resamples: int, rng: np.random.Generator) -> tuple[float, float]:
+def bootstrap_interval(
+    values: np.ndarray, confidence: float, resamples: int, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Ends of the bootstrap interval of a mean ``[N]``; NaN for less than two values."""
     if len(values) < 2:
         return np.nan, np.nan
     # Percentile rather than BCa, which is undefined for constant values.

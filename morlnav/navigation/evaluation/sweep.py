@@ -92,14 +92,14 @@ class Sweep:
     @cached_property
     def fronts(self) -> dict[str, pd.DataFrame]:
         """``front.csv`` of every run."""
-        return {run.run: read_table(run.path / "evaluation" / "front.csv", ["utility"]) for run in _rows(self.runs)}
+        return {run.run: read_columns(run.path / "evaluation" / "front.csv", ["utility"]) for run in _rows(self.runs)}
 
     @cached_property
     def summaries(self) -> dict[str, pd.DataFrame]:
         """``summary.csv`` of the runs that navigate."""
         files = {run.run: run.path / "evaluation" / "summary.csv" for run in _rows(self.runs)}
         columns = ["preference", "SR", "CR", "TR", "min_human_distance", "navigation_time", "time_ratio", "spl"]
-        return {run: read_table(file, columns) for run, file in files.items() if file.is_file()}
+        return {run: read_columns(file, columns) for run, file in files.items() if file.is_file()}
 
     @cached_property
     def agent(self) -> str:
@@ -125,7 +125,7 @@ class Sweep:
         file = next((file for file in files if file.is_file()), None)
         if file is None:
             return None
-        table = read_table(file, ["scene", "distance", "length"])
+        table = read_columns(file, ["scene", "distance", "length"])
         lengths = table.pivot_table(index="scene", columns="distance", values="length", dropna=False).fillna(np.inf)
         return ExactFront(torch.tensor(lengths.columns.to_numpy(float)), torch.tensor(lengths.to_numpy(float)), [])
 
@@ -140,7 +140,7 @@ class Sweep:
 
     def _beside(self, run: str) -> pd.DataFrame | None:
         path = self.runs.set_index("run").loc[run, "path"]
-        episodes = read_table(path / "evaluation" / "episodes.csv", ["scene", "shortest_path"])
+        episodes = read_columns(path / "evaluation" / "episodes.csv", ["scene", "shortest_path"])
         shortest = episodes.groupby("scene")["shortest_path"].first().to_numpy()
         known = self.front.length[:, 0].numpy()
         if shortest.shape != known.shape or not np.allclose(shortest, known, rtol=1e-3):
@@ -221,7 +221,7 @@ class Sweep:
         weights = [f"lambda_{name}" for name in tuneable_objectives(tables[0])]
         paths = self.runs.loc[self.runs["setting"] == self.agent, "path"]
         files = [path / "evaluation" / "episodes.csv" for path in paths]
-        episodes = pd.concat([read_table(file, [*weights, *metrics, "scene", "success"]) for file in files])
+        episodes = pd.concat([read_columns(file, [*weights, *metrics, "scene", "success"]) for file in files])
         late = [name for name in metrics if name in ONLY_SUCCESS]
         episodes[late] = episodes[late].where(episodes["success"].astype(bool))
         scenes = episodes.groupby([*weights, "scene"], as_index=False)[metrics].mean()
@@ -246,7 +246,7 @@ class Sweep:
         return pd.concat(self.of(self.baseline, self.summaries)).mean(numeric_only=True).to_frame().T
 
 
-def read_table(file: Path, columns: list[str]) -> pd.DataFrame:
+def read_columns(file: Path, columns: list[str]) -> pd.DataFrame:
     """A kept CSV file as numbers.
 
     Raises:

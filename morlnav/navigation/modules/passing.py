@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -19,10 +21,7 @@ class PassingOracle(Oracle):
     Args:
         radius: of the circle in metres.
         clockwise: pass with the human on the right, on the left of the human; otherwise the mirror image.
-        speed: on course, in m/s.
-        max_turn: largest angular velocity in rad/s, either way.
-        step_time: one control step in seconds.
-        sectors: number of lidar sectors in an observation; they are not looked at.
+        settings: further arguments of :class:`Oracle`.
 
     Raises:
         ValueError: if a number is not positive.
@@ -35,16 +34,8 @@ class PassingOracle(Oracle):
         0.5236
     """
 
-    def __init__(
-        self,
-        radius: float = 2.0,
-        clockwise: bool = True,
-        speed: float = 0.5,
-        max_turn: float = torch.pi,
-        step_time: float = 0.2,
-        sectors: int = 30,
-    ) -> None:
-        super().__init__(speed, max_turn, step_time, sectors)
+    def __init__(self, radius: float = 2.0, clockwise: bool = True, **settings: Any) -> None:
+        super().__init__(**settings)
         check_positive(radius=radius)
         self.radius = radius
         self.clockwise = clockwise
@@ -91,11 +82,7 @@ class SlowPassingOracle(PassingOracle):
         radius: of the circle in metres.
         slow: speed near the human in m/s.
         reach: distance to the human in metres from which on the robot slows down.
-        clockwise: pass with the human on the right; otherwise the mirror image.
-        speed: on course elsewhere, in m/s.
-        max_turn: largest angular velocity in rad/s, either way.
-        step_time: one control step in seconds.
-        sectors: number of lidar sectors in an observation; they are not looked at.
+        settings: further arguments of :class:`PassingOracle`.
 
     Raises:
         ValueError: if a number is not positive, ``reach`` is not beyond the circle, or ``slow`` is above ``speed``.
@@ -107,22 +94,12 @@ class SlowPassingOracle(PassingOracle):
         tensor([0.4400, 0.2000])
     """
 
-    def __init__(
-        self,
-        radius: float = 1.0,
-        slow: float = 0.2,
-        reach: float = 2.0,
-        clockwise: bool = True,
-        speed: float = 0.5,
-        max_turn: float = torch.pi,
-        step_time: float = 0.2,
-        sectors: int = 30,
-    ) -> None:
-        super().__init__(radius, clockwise, speed, max_turn, step_time, sectors)
+    def __init__(self, radius: float = 1.0, slow: float = 0.2, reach: float = 2.0, **settings: Any) -> None:
+        super().__init__(radius, **settings)
         check_positive(slow=slow)
-        if reach <= radius or slow > speed:
+        if reach <= radius or slow > self.speed:
             raise ValueError(
-                f"The oracle needs reach > radius and slow <= speed, got {reach}, {radius}, {slow}, {speed}."
+                f"The oracle needs reach > radius and slow <= speed, got {reach}, {radius}, {slow}, {self.speed}."
             )
         self.slow = slow
         self.reach = reach
@@ -145,11 +122,7 @@ class WaitingOracle(PassingOracle):
         pause: seconds that the robot takes for the ring.
         distance: inner radius of the ring in metres.
         depth: of the ring in metres.
-        clockwise: pass with the human on the right; otherwise the mirror image.
-        speed: on course elsewhere, in m/s.
-        max_turn: largest angular velocity in rad/s, either way.
-        step_time: one control step in seconds.
-        sectors: number of lidar sectors in an observation; they are not looked at.
+        settings: further arguments of :class:`PassingOracle`.
 
     Raises:
         ValueError: if a number is not positive, or the ring is not beyond the circle.
@@ -162,18 +135,9 @@ class WaitingOracle(PassingOracle):
     """
 
     def __init__(
-        self,
-        radius: float = 1.0,
-        pause: float = 4.0,
-        distance: float = 1.8,
-        depth: float = 0.2,
-        clockwise: bool = True,
-        speed: float = 0.5,
-        max_turn: float = torch.pi,
-        step_time: float = 0.2,
-        sectors: int = 30,
+        self, radius: float = 1.0, pause: float = 4.0, distance: float = 1.8, depth: float = 0.2, **settings: Any
     ) -> None:
-        super().__init__(radius, clockwise, speed, max_turn, step_time, sectors)
+        super().__init__(radius, **settings)
         check_positive(pause=pause, depth=depth)
         if distance <= radius:
             raise ValueError(f"The oracle waits outside its circle: distance must exceed {radius}, got {distance}.")

@@ -157,7 +157,7 @@ def draw_scene(axes: Axes, scene: Scene, human_radius: float = 0.3, robot_radius
     axes.add_patch(Circle(start, robot_radius, fill=False, edgecolor=INK, lw=0.8, zorder=5))
     axes.plot(*start, "o", color="k", ms=5, zorder=6)
     axes.plot(*scene.goal.tolist(), "*", color=GOAL, ms=14, mec="w", mew=0.8, zorder=6)
-    _tidy(axes)
+    tidy(axes)
 
 
 def _colour_bar(axes: Axes, colormap: Colormap, names: Sequence[str]) -> None:
@@ -245,7 +245,7 @@ def plot_metrics(
             label = "agent without preferences"
             axes.axhline(float(baseline[metric].iloc[0]), color=HUMAN, lw=1.2, ls=(0, (1, 1.5)), label=label)
             figure.legends or figure.legend(loc="outside upper right", frameon=False, fontsize=8)
-        _tidy(axes)
+        tidy(axes)
         if comparisons is not None:
             _draw_stars(axes, comparisons[comparisons["metric"] == metric], begins, [edge for edge, _ in edges], names)
 
@@ -289,7 +289,7 @@ def plot_studies(*tables: pd.DataFrame) -> Figure:
         axes.set(xlabel=label, ylabel="normalised baseline return", xscale=scale)
         axes.set_title(f"{letter})" if len(tables) > 1 else "", loc="left", fontsize=9, color=INK, pad=2)
         axes.legend(frameon=False, fontsize=8)
-        _tidy(axes)
+        tidy(axes)
     return figure
 
 
@@ -308,7 +308,8 @@ def _draw_stars(
             axes.text((left + right) / 2, y, test["stars"].iloc[0], ha="center", va="bottom", fontsize=9, color=INK)
 
 
-def _tidy(axes: Axes) -> None:
+def tidy(axes: Axes) -> None:
+    """Thin grey frame and grid, small numbers."""
     axes.grid(color="#e9eaec", lw=0.7)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8, length=0, labelcolor="#666666")

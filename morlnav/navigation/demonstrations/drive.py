@@ -180,6 +180,7 @@ def add_demonstrations(data: TensorDict, path: Path, source: str, world: World |
     Raises:
         ValueError: if the folder's demonstrations are of another world, or seen by another lidar.
     """
+    path = path.resolve()  # a link stays one
     unfinished, replaced = (path.with_name(path.name + end) for end in (".part", ".old"))
     if replaced.exists() and not path.exists():  # interrupted between the last two steps below
         replaced.rename(path)

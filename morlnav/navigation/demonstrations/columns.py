@@ -25,20 +25,18 @@ class Reading:
 
     Args:
         columns: the file's name for ``time``, ``episode``, ``x``, ``y``, ``heading``, ``v``, ``omega``, ``qx`` …
-            ``qw``, or a column of the scene such as ``goal_x``; of a bag, topics for ``pose``, ``goal``, ``human`` and
-            ``scan``.
-        units: of a column or of all of a kind: ``time``, ``length``, ``angle``, ``speed``, ``turn``. They go before
-            units that stand in a header, as in ``x [mm]`` or ``yaw_deg``.
+            ``qw``, or of the scene, as ``goal_x``; of a bag, topics for ``pose``, ``goal``, ``human`` and ``scan``.
+        units: of a column or of all of a kind: ``time``, ``length``, ``angle``, ``speed``, ``turn``; they go before
+            those in a header.
         separator: between fields, such as ``";"``.
         decimal: sign, ``"."`` or ``","``.
         names: of all columns, for a text without a header.
         rate: samples per second, for files without times or with numbers of frames.
-        heading: where it comes from, and how it counts: ``"motion"`` takes the direction of the drive, ``"clockwise"``
-            turns the sign, ``"compass"`` is clockwise from the y axis; by default as the file says, counter-clockwise
-            from the x axis.
+        heading: ``"motion"`` takes the direction of the drive, ``"clockwise"`` turns the sign, ``"compass"`` is
+            clockwise from the y axis; by default as the file says, counter-clockwise from the x axis.
         goal: ``(x, y)`` in metres, in the place of columns; ``"end"``: where the drive ends.
         human: ``(x, y)`` in metres, in the place of columns; ``"scan"``: of a bag, where its scans see one.
-        robot: id of the track that drives, of a file of several tracks; see ``person``.
+        robot: id of the track that drives, in a file of several.
         person: id of the track that stands in the way.
         max_gap: longest time without a sample, in seconds (1 by default).
 
@@ -186,48 +184,6 @@ class Columns:
     def ignored(self) -> list[str]:
         """The others."""
         return [name for name in self.table.columns if name not in self._read]
-
-
-def _choose(table: Table, reading: Reading) -> tuple[dict[str, str], dict[str, str]]:
-    """Columns of the table by canonical name, and the units that stand in their names."""
-    chosen, units, candidates = {}, {}, {}
-    for name, column in reading.columns.items():
-        found = [own for own in table.columns if own == column] or [
-            own for own in table.columns if plain(own) == plain(column)
-        ]
-        if not found:
-            raise ValueError(f"{table.path}: there is no column {column} that could be {name}; {table}.")
-        chosen[name] = found[0]
-        units[name] = parse(found[0])[1]
-    humans: dict[str, set[str]] = {}
-    for column in table.columns:
-        canonical, unit = parse(column)
-        if canonical is None or column in chosen.values():
-            continue
-        if match := re.fullmatch(r"human(\d*)_(.+)", canonical):
-            humans.setdefault(match[1], set()).add(column)
-            canonical = f"human_{match[2]}"
-        candidates.setdefault(canonical, []).append((column, unit))
-    for name, found in candidates.items():
-        if name in chosen:
-            continue
-        exact = [entry for entry in found if plain(entry[0]) == name] or found
-        if name.startswith("human") and len(humans) > 1 and reading.human is None:
-            raise ValueError(
-                f"{table.path} holds {len(humans)} humans, and the world knows one; name whose columns to take, as in "
-                f"--columns human_x={found[-1][0]}; {table}."
-            )
-        if len(exact) > 1:
-            raise ValueError(
-                f"{table.path}: {name} could be {' or '.join(column for column, _ in exact)}; "
-                f"choose with --columns {name}=NAME."
-            )
-        chosen[name], units[name] = exact[0]
-    for part in ("length", "width"):
-        for name in [name for name in chosen if re.fullmatch(rf"box\d+_{part}", name)]:
-            if name.replace(part, f"half_{part}") in chosen:
-                del chosen[name]
-    return chosen, units
 
 
 def choose(table: Table, reading: Reading) -> tuple[dict[str, str], dict[str, str]]:

@@ -197,7 +197,11 @@ def add_demonstrations(data: TensorDict, path: Path, source: str, world: World |
         raise ValueError(f"The demonstrations in {path} are others: {error}; record into another folder.") from error
     for leftover in (unfinished, replaced):
         shutil.rmtree(leftover, ignore_errors=True)
-    save_demonstrations(data, unfinished, settings, world)
+    try:
+        save_demonstrations(data, unfinished, settings, world)
+    except OSError:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
     if path.exists():
         path.rename(replaced)
     unfinished.rename(path)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from scipy.signal import savgol_filter
+from tensordict import TensorDict
 from torch import Tensor
 
 from morlnav.navigation.demonstrations.folder import ABSENT
@@ -31,6 +32,10 @@ class Track:
         row: the sample of the file that each pose comes from, ``[T + 1]``.
         jitter: by how much poses trembled that were smoothed, in metres; 0 if they were not.
         scene: that it is driven in, ``[1]``.
+        data: how the robot drove it, ``[T']``.
+        apart: metres between the robot and the poses, ``[T']``.
+        left: rows after the goal.
+        seconds: that it takes in the file.
     """
 
     pose: Tensor
@@ -39,6 +44,10 @@ class Track:
     row: np.ndarray
     jitter: float
     scene: Scene
+    data: TensorDict | None = None
+    apart: Tensor | None = None
+    left: int = 0
+    seconds: float = 0.0
 
 
 def track(file: Trajectories, number: int, world: World) -> Track:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -99,20 +99,9 @@ def import_demonstrations(
     return parts[0] if len(parts) == 1 else join_demonstrations(parts)
 
 
-@dataclass
-class _Drive:
-    """An episode that the robot drove as the file says."""
-
-    data: TensorDict  # [T]
-    track: Track
-    apart: Tensor  # m, from the poses of the file, [T]
-    left: int  # rows after the goal
-    seconds: float  # in the file
-
-
 def _drive_again(
     file: Trajectories, world: World, objectives: Mapping[str, Objective] | None, tolerance: float
-) -> list[_Drive]:
+) -> list[Track]:
     """The episodes that can be driven; what is wrong with the others is noted in the file."""
     tracks: dict[int, Track] = {}
     for number in [number for number in range(len(file.names)) if number not in file.problems]:
@@ -163,13 +152,13 @@ def _ended(sentence: str) -> str:
     return sentence if sentence.endswith("?") else f"{sentence}."
 
 
-def _told(file: Trajectories, drives: Sequence[_Drive], world: World) -> str:
+def _told(file: Trajectories, drives: Sequence[Track], world: World) -> str:
     """What was read, in a line."""
     steps = np.concatenate([np.diff(file.time[file.rows(number)]) for number in range(len(file.names))])
     rate = f" at {1 / np.median(steps):.3g} Hz" if len(steps) else ""
     speed = torch.cat([drive.data["action"][:, 0] for drive in drives])
     apart = torch.cat([drive.apart for drive in drives])
-    left, jitter = sum(drive.left for drive in drives), max(drive.track.jitter for drive in drives)
+    left, jitter = sum(drive.left for drive in drives), max(drive.jitter for drive in drives)
     still = [(drive.data["action"].abs() < torch.tensor([0.02, 0.05])).all(-1).long().cumprod(0) for drive in drives]
     waits = world.step_time * max(int(steps.sum()) for steps in still)
     facts = [
@@ -210,7 +199,7 @@ class _Follow:
 
 def _checked(
     file: Trajectories, number: int, episode: TensorDict, reached: bool, track: Track, tolerance: float, world: World
-) -> _Drive:
+) -> Track:
     """An episode ``[T']`` as it was driven; refused if it strays from its poses, meets anything or does not arrive."""
     steps, name, last = min(len(episode), len(track.action)), file.names[number], episode[len(episode) - 1]
     difference = episode["next", "pose"][:steps] - track.pose[1 : steps + 1]
@@ -251,7 +240,7 @@ def _checked(
     left = int((rows > track.row[steps]).sum())
     episode["episode"] = torch.full_like(episode["episode"], number)
     seconds = float(file.time[rows[-1]] - file.time[rows[0]])
-    return _Drive(episode, track, apart[:-1] if steps > 1 else apart, left, seconds)
+    return replace(track, data=episode, apart=apart[:-1] if steps > 1 else apart, left=left, seconds=seconds)
 
 
 def _check_between(file: Trajectories, rows: np.ndarray, episode: TensorDict, track: Track, tolerance: float) -> None:

@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from support import DEMONSTRATED, configure
 
 from morlnav.navigation.bonn import BonnComparisons, read_bonn
 from morlnav.navigation.world import DifferentialDrive, Lidar, TensorWorld
+from morlnav.runs import make_training
 
 WORLD = {"robot": DifferentialDrive(max_speed=1.0), "lidar": Lidar(sectors=60, max_range=6.0)}
 ROUTE = "/home/somebody/study/dataset_2024"
@@ -65,6 +67,15 @@ def test_a_reward_may_learn_from_it(study):
     assert pairs.key != BonnComparisons(str(study)).key
     with pytest.raises(ValueError, match=r"the world has 30, 4 and 0.5; set env.world.lidar.sectors=60"):
         BonnComparisons(str(study), world=TensorWorld())
+
+
+def test_the_command_line_learns_from_it(study, tmp_path):
+    world = ["env.world.lidar.sectors=60", "env.world.lidar.max_range=6", "env.world.robot.max_speed=1"]
+    small = ["rewards.num=2", "rewards.audit=null", f"cache={tmp_path / 'cache'}", "rewards.ranking.snippet=3"]
+    small += ["rewards.ranking.fit={steps:4,interval:2}", "rewards.clone.fit.steps=4", "rewards.ranking.episodes=2"]
+    words = ["ranking=bonn", f"rewards.ranking.comparisons.path={study}", *world, *small]
+    reward = make_training(configure(DEMONSTRATED, *words)).learn_rewards()["demo"].transform
+    assert reward.reward(torch.rand(5, 64), torch.rand(5, 2)).isfinite().all()
 
 
 class Hostile:

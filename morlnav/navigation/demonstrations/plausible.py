@@ -17,10 +17,10 @@ LONG_STEP = 2.0
 """Seconds between samples that no recording has."""
 FURTHEST = 500.0
 """Metres from one end of a drive to the other that no demonstration has."""
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
-WORDS = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "min": "minutes", "cm": "centimetres",
-         "mm": "millimetres", "km": "kilometres"}  # fmt: skip
+WORDS = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "min": "minutes", "h": "hours", "d": "days",
+         "cm": "centimetres", "mm": "millimetres", "km": "kilometres"}  # fmt: skip
 
 
 def check_times(file: Trajectories, number: int, reading: Reading) -> None:
@@ -103,7 +103,7 @@ def check_units(file: Trajectories, columns: Columns, max_speed: float, max_gap:
         factor, apart = LENGTHS[length], step * TIMES[time]
         guess = speed * factor / TIMES[time] if is_pose else 0.7 * max_speed
         can_be = 5e-4 <= apart <= LONG_STEP and reach * factor <= FURTHEST and (time, length) != ("s", "m")
-        if can_be and slow <= guess <= fast and (time != "min" or speed > 10):
+        if can_be and slow <= guess <= fast and (TIMES[time] <= 1 or speed > 10):
             rare = (time != "s") + (length != "m") + 2 * (apart < 4e-3)
             possible[time, length] = abs(np.log(guess / (0.7 * max_speed))) + rare
     if can_be_so and is_pose:
@@ -214,11 +214,13 @@ def check_distances(file: Trajectories, columns: Columns) -> None:
             beside, guess = drive[-1] if name == "goal" else drive.mean(0), "is it in another frame than the robot?"
             guesses = {unit: np.linalg.norm(places * LENGTHS[unit] - beside, axis=-1).max() for unit in ("cm", "mm")}
             unit = min(guesses, key=guesses.get)
-            if guesses[unit] <= reach and not columns.unit_is_told(part):
+            given = name != "boxes" and getattr(columns.reading, name) is not None
+            if guesses[unit] <= reach and not columns.unit_is_told(part) and not given:
                 guess = f"is it in {unit}? Then: --units {part}={unit} {part[:-1]}y={unit}"
+            label, what = columns.name.get(part, part), "a box" if name == "boxes" else name
             far[number] = (
-                f"column {columns.name.get(part, part)}: {name if name != 'boxes' else 'a box'} of episode "
-                f"{file.names[number]} lies {np.nanmax(away):.4g} m from the drive; {guess}"
+                f"{f'--{name}' if given else f'column {label}'}: {what} of episode {file.names[number]} lies "
+                f"{np.nanmax(away):.4g} m from the drive; {guess}"
             )
         if len(far) == len(file.names):  # a matter of the file
             raise ValueError(f"{file.path}, {far[0]}")

@@ -153,6 +153,8 @@ def _folder(path: Path) -> str:
         return "a folder of demonstrations already; train on it, or record into it"
     if (path / "meta" / "info.json").is_file():
         return "a LeRobot data set, whose tables are Parquet files; write them as CSV: pandas.read_parquet(FILE)"
+    if any(path.glob("*.db3")) or any(path.glob("*.mcap")):
+        return "a ROS 2 bag without its metadata.yaml; give the .db3 or .mcap file in it"
     return "a folder, and neither a ROS 2 bag nor demonstrations; give the files in it"
 
 

@@ -53,6 +53,30 @@ def write_text(path: Path, text: str) -> None:
     unfinished.replace(path)
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file at once, or not at all.
+
+    PyTorch's own writers end the process without a word on a full disk; so they write into memory first.
+
+    Raises:
+        OSError: if the disk has too little room.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "policy.pt2"
+    >>> write_bytes(path, b"whole")
+    >>> path.read_bytes()
+    b'whole'
+    """
+    unfinished = path.with_name(f"{path.name}.part")
+    require_room(path.parent, len(content) + BLOCK)
+    try:
+        unfinished.write_bytes(content)
+        unfinished.replace(path)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise
+
+
 def require_room(folder: Path, needed: int, advice: str = "make room and begin again") -> None:
     """Refuse to write more than a disk can hold: a memory-mapped file that outgrows it kills without a word.
 

@@ -103,6 +103,9 @@ def _pairs(words: Sequence[str] | None, name: str) -> dict[str, str]:
     pairs = [word.partition("=") for word in words or ()]
     if wrong := [word for word, equals, value in pairs if not equals or not value]:
         raise ValueError(f"--{name} takes NAME=VALUE, got {wrong[0]}.")
+    keys = [key for key, _, _ in pairs]
+    if twice := [key for key in keys if keys.count(key) > 1]:
+        raise ValueError(f"--{name} tells {twice[0]} twice.")
     return {key: value for key, _, value in pairs}
 
 
@@ -139,10 +142,13 @@ def main() -> None:
             how = {"tolerance": args.tolerance, "good_only": args.good_only}
             how = {name: value for name, value in how.items() if value is not None}
             sets = [file.removeprefix("minari:") for file in files if file.startswith("minari:")]
+            reading = _reading(args)
+            if len(sets) == len(files) and (how or reading != Reading()):
+                raise ValueError("Minari data sets tell what is what; leave the options of import out.")
             parts = [from_minari(name, env.world) for name in sets]
             if len(sets) < len(files):
                 tables = [file for file in files if not file.startswith("minari:")]
-                parts.append(import_demonstrations(tables, reading=_reading(args), world=env.world, **how))
+                parts.append(import_demonstrations(tables, reading=reading, world=env.world, **how))
             data = join_demonstrations(parts)
             total = add_demonstrations(data, args.folder, ", ".join(Path(file).name for file in files), env.world)
         else:

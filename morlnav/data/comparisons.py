@@ -74,9 +74,14 @@ def _from_json(path: Path, text: str) -> Iterable[tuple[str, Any]]:
     for number, line in enumerate(text.splitlines(), 1):
         if line.strip():
             try:
-                yield f"{path}, line {number}", json.loads(line)
+                yield f"{path}, line {number}", json.loads(line, object_pairs_hook=_entries)
             except ValueError as error:
                 raise ValueError(f"{path}, line {number} is not readable as JSON.") from error
+
+
+def _entries(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any] | list[tuple[str, Any]]:
+    """An object of JSON; as it is where it names something twice, which no comparison does."""
+    return entries if len(entries := dict(pairs)) == len(pairs) else list(pairs)
 
 
 def _from_csv(path: Path, text: str) -> Iterable[tuple[str, Any]]:
@@ -161,6 +166,10 @@ class ComparedPairs:
         )
         self.snippets["mask"] = pad_sequence([torch.ones(len(cut), dtype=torch.bool) for cut in cuts], batch_first=True)
         index = {snippet: number for number, snippet in enumerate(snippets)}
+        for row in comparisons:
+            first, second = (cuts[index[snippet]] for snippet in (row.first, row.second))
+            if row.first[:2] == row.second[:2] and len(first) == len(second):
+                raise ValueError(f"Episode {row.first.episode} from step {row.first.start} on is compared with itself.")
         rows = [
             (row.second, row.first) if row.preferred == "second" else (row.first, row.second) for row in comparisons
         ]
@@ -201,10 +210,10 @@ class ComparedPairs:
 
 
 def _cut(snippet: Snippet, transitions: TensorDict) -> TensorDict:
-    episode = transitions[transitions["episode"] == snippet.episode]
-    if not len(episode):
-        numbers = transitions["episode"]
+    numbers = transitions["episode"]
+    if snippet.episode not in numbers.unique().tolist():
         raise ValueError(f"There is no episode {snippet.episode}; they count from {numbers.min()} to {numbers.max()}.")
+    episode = transitions[numbers == snippet.episode]
     stop = len(episode) if snippet.stop is None else snippet.stop
     if not snippet.start < stop <= len(episode):
         raise ValueError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from torch.export import Dim, ExportedProgram
 
 from morlnav.cli import folder, one_sentence_errors, quiet
 from morlnav.deployment.policy import Policy, load
+from morlnav.files import write_bytes
 from morlnav.modules.checks import check_weights
 
 INPUTS = ("observation", "preference")
@@ -54,6 +56,7 @@ def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...
         The files by format.
 
     Raises:
+        OSError: if the disk has too little room.
         ValueError: for an unknown format, weights that are not finite, or if ONNX is asked for and its packages are
             missing.
     """
@@ -68,7 +71,8 @@ def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...
     if "onnx" in files:
         _write_onnx(program, files["onnx"], objectives)
     if "pt2" in files:
-        torch.export.save(program, files["pt2"], extra_files={"objectives": objectives})
+        torch.export.save(program, content := io.BytesIO(), extra_files={"objectives": objectives})
+        write_bytes(files["pt2"], content.getvalue())
     return files
 
 
@@ -81,7 +85,7 @@ def _write_onnx(program: ExportedProgram, path: Path, objectives: str) -> None:
         program, input_names=list(INPUTS), output_names=[OUTPUT], dynamo=True, external_data=False, verbose=False
     )
     exported.model.metadata_props["objectives"] = objectives
-    exported.save(path, external_data=False)
+    write_bytes(path, exported.model_proto.SerializeToString())
 
 
 def main() -> None:

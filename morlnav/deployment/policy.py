@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -46,11 +47,13 @@ class Policy(nn.Module):
             ValueError: if the observation is not finite, the preference no point of the simplex with one entry per
                 objective, or the action not finite.
         """
-        if preference.shape[-1] != len(self.objectives):
+        silent = torch.compiler.is_compiling() or torch.jit.is_tracing()
+        if not silent:
+            observation, preference = _as_tensors(observation, preference)
+        if preference.ndim == 0 or preference.shape[-1] != len(self.objectives):
             raise ValueError(f"A preference needs {len(self.objectives)} entries {self.objectives}.")
         finite = observation.isfinite()
         point = (preference >= 0).all(-1) & ((preference.sum(-1) - 1).abs() <= SUM_TOLERANCE)  # NaN fails both
-        silent = torch.compiler.is_compiling() or torch.jit.is_tracing()
         if not silent:
             _refuse(observation, finite, preference, point)
         action = self.actor(observation, preference.expand(*observation.shape[:-1], -1))
@@ -59,6 +62,27 @@ class Policy(nn.Module):
             return torch.where(sound.unsqueeze(-1), action, 0.0)
         require(action.isfinite().all(), "The action must be finite", lambda: f"{action.tolist()} of huge observations")
         return action
+
+
+def _as_tensors(observation: Any, preference: Any) -> tuple[Tensor, Tensor]:
+    """Tensors of numbers as they are, arrays and lists as tensors; their batches have to fit."""
+    given = {"Observations": observation, "Preferences": preference}
+    for name, values in given.items():
+        try:
+            given[name] = torch.as_tensor(values)
+        except (TypeError, ValueError, RuntimeError) as error:
+            raise ValueError(f"{name} must be a tensor of numbers, got {type(values).__name__}.") from error
+        if given[name].dtype is torch.bool or given[name].is_complex():
+            raise ValueError(f"{name} must be real numbers, got {str(given[name].dtype).removeprefix('torch.')}.")
+    observation, preference = (value if value.is_floating_point() else value.float() for value in given.values())
+    rows, weights = observation.shape[:-1], preference.shape[:-1]
+    fits = len(weights) <= len(rows) and all(w in (1, r) for w, r in zip(weights[::-1], rows[::-1], strict=False))
+    if not observation.ndim or not fits:
+        raise ValueError(
+            f"Observations [..., D] and preferences [..., n] must fit, got {list(observation.shape)} and "
+            f"{list(preference.shape)}."
+        )
+    return observation, preference
 
 
 def _refuse(observation: Tensor, finite: Tensor, preference: Tensor, point: Tensor) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 from collections.abc import Collection, Mapping
 from importlib import import_module
@@ -11,7 +13,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from morlnav.files import BLOCK, digest, require_room, sha256, write_text
+from morlnav.files import BLOCK, digest, require_room, sha256, write_bytes, write_text
 from morlnav.modules.checks import check_weights
 
 OURS = ("morlnav.modules.", "morlnav.navigation.modules.")
@@ -48,11 +50,11 @@ def save_module(model: nn.Module, path: str | Path, facts: Mapping[str, Any] | N
     path, description = Path(path), {"model": _describe(model), "facts": dict(facts or {})}
     json.dumps(description)  # which may fail, so before anything is written
     path.parent.mkdir(parents=True, exist_ok=True)
-    weights, unfinished = model.state_dict(), path.with_name(f"{path.name}.part")
-    require_room(path.parent, sum(getattr(value, "nbytes", 0) + BLOCK for value in weights.values()) + 16 * BLOCK)
-    torch.save(weights, unfinished)
-    _write(path, description | {"sha256": sha256(unfinished)})
-    unfinished.replace(path)  # last, and at once: where the weights are, they are whole, and so is the rest
+    torch.save(model.state_dict(), content := io.BytesIO())
+    weights = content.getvalue()
+    require_room(path.parent, len(weights) + 16 * BLOCK)
+    _write(path, description | {"sha256": hashlib.sha256(weights).hexdigest()})
+    write_bytes(path, weights)  # last, and at once: where the weights are, they are whole, and so is the rest
 
 
 def write_facts(path: str | Path, facts: Mapping[str, Any]) -> None:

@@ -14,6 +14,9 @@ from morlnav.deployment import Policy
 from morlnav.navigation.world import Lidar
 from morlnav.navigation.world.geometry import polar, wrap_angle
 
+FEW = 3
+"""Different readings far beyond ``range_max`` that a scanner may have for no echo."""
+
 
 class LaserScan(Protocol):
     """What is read of a scan; a ``sensor_msgs/LaserScan`` of ROS has it. Ray ``i`` points to ``angle_min +
@@ -185,30 +188,41 @@ class Observer:
 
     def _rays(self, scan: LaserScan) -> tuple[Tensor, Tensor]:
         """Angle from the scanner (rad) and reading (m, infinite without an echo) of the rays that tell, ``[N]``."""
+        missing = [name for name in LaserScan.__annotations__ if not hasattr(scan, name)]
+        if missing:
+            raise ValueError(f"A scan needs {', '.join(LaserScan.__annotations__)}; there is no {missing[0]}.")
         ranges = _numbers("scan.ranges", scan.ranges)
         if ranges.ndim != 1 or not len(ranges):
             raise ValueError(f"scan.ranges must be one row of distances, got the shape {list(ranges.shape)}.")
         first, step = _finite("scan.angle_min and angle_increment", [scan.angle_min, scan.angle_increment], 2)
+        if abs(first) > 4 * math.pi:
+            raise ValueError(f"scan.angle_min must be an angle in rad, got {first:g}; is it in degrees?")
         if step == 0 or abs(step) * (len(ranges) - 1) > 2.02 * math.pi:
             raise ValueError(
                 f"scan.angle_increment must turn {len(ranges)} rays by 2π at most, got {step:g}; is it in degrees?"
             )
-        if not 0 <= scan.range_min < scan.range_max:
+        near_end, far_end = _numbers("scan.range_min and range_max", [scan.range_min, scan.range_max])
+        if not 0 <= near_end < far_end:
+            raise ValueError(f"scan.range_min and range_max must ascend from 0, got {near_end:g} and {far_end:g}.")
+        beyond = ranges[(ranges > 10 * far_end) & ranges.isfinite()].unique()
+        if len(beyond) > FEW:  # no echo is one number, or two
             raise ValueError(
-                f"scan.range_min and range_max must ascend from 0, got {scan.range_min:g} and {scan.range_max:g}."
+                f"scan.ranges reach {beyond.max():g}, range_max is {far_end:g} m; are they in millimetres?"
             )
         negative = (ranges < 0) & ranges.isfinite()
         if negative.any():
             ray = int(negative.nonzero()[0])
             raise ValueError(f"scan.ranges[{ray}] must be a distance in metres, got {ranges[ray]:g}.")
-        near = (ranges == -math.inf) | ((ranges > 0) & (ranges < scan.range_min))
-        reading = ranges.masked_fill(near, scan.range_min)
-        reading = reading.masked_fill((ranges == 0) | (ranges > scan.range_max), math.inf)
+        near = (ranges == -math.inf) | ((ranges > 0) & (ranges < near_end))
+        reading = ranges.masked_fill(near, near_end.item())
+        reading = reading.masked_fill((ranges == 0) | (ranges > far_end), math.inf)
         told = ~ranges.isnan()
         return (first + step * torch.arange(len(ranges)))[told], reading[told]
 
 
 def _numbers(name: str, values: Any) -> Tensor:
+    values = values.detach().cpu() if isinstance(values, Tensor) else values
+    values = values.filled(math.nan) if isinstance(values, np.ma.MaskedArray) else values
     try:
         return torch.from_numpy(np.asarray(values, np.float64).copy())
     except (TypeError, ValueError) as error:

@@ -71,6 +71,10 @@ def test_both_kinds_of_files_say_the_same(tmp_path, name, text):
         ("a.jsonl", '{"first": true, "second": 1, "preferred": "tie"}', "got True"),
         ("a.jsonl", '{"first": 0.5, "second": 1, "preferred": "tie"}', "got 0.5"),
         ("a.jsonl", '{"first": null, "second": 1, "preferred": "tie"}', "got None"),
+        ("a.jsonl", '{"first": 0, "first": 2, "second": 1, "preferred": "tie"}', "nothing else, got list"),
+        ("a.jsonl", '[{"first": 0, "second": 1, "preferred": "tie"}]', "nothing else, got list"),
+        ("a.csv", "0,1,first\n1,2,second\n", "line 2 must have first, second, preferred"),
+        ("a.csv", "first,second,preferred\n0,1,First\n", "got 'First'"),
         ("a.pkl", "", r"\.csv or \.jsonl files"),
     ],
 )
@@ -118,6 +122,8 @@ def test_snippets_are_the_steps_that_were_named():
     ("comparisons", "settings", "sentence"),
     [
         ([compare((0,), (7,))], {}, "no episode 7; they count from 0 to 1"),
+        ([compare((0,), (10**30,))], {}, "no episode 1000"),
+        ([compare((0,), (0, 0, 4))], {}, "Episode 0 from step 0 on is compared with itself"),
         ([compare((0,), (1, 2, 9))], {}, "no snippet 1:2:9; episode 1 has 6 steps"),
         ([compare((0,), (1, 3, 3))], {}, "no snippet 1:3:3"),
         ([compare((0,), (1,), "tie")] * 3 + [compare((0,), (1,))], {}, "must be decided, got 1 and 3 ties"),

@@ -4,6 +4,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from support import configure, trainer_for
@@ -61,6 +62,38 @@ def test_actions_keep_the_batch_and_the_bounds(smoke_run, batch):
 def test_one_preference_serves_many_observations(smoke_run):
     policy, observation, preference = morlnav.load(smoke_run), observations(6), torch.tensor([0.25, 0.75])
     torch.testing.assert_close(policy(observation, preference), policy(observation, preference.expand(6, 2)))
+
+
+@pytest.mark.parametrize(
+    "kind", [list, np.array, torch.Tensor.double, torch.Tensor.half], ids=["list", "array", 64, 16]
+)
+def test_any_real_numbers_will_do(smoke_run, kind):
+    policy, observation, preference = morlnav.load(smoke_run), torch.full((34,), 0.5), torch.tensor([0.25, 0.75])
+    torch.testing.assert_close(policy(kind(observation), kind(preference)), policy(observation, preference))
+
+
+GOOD = (torch.zeros(4, 34), torch.tensor([0.5, 0.5]))
+
+
+@pytest.mark.parametrize(
+    ("inputs", "sentence"),
+    [
+        ((torch.zeros(33), GOOD[1]), r"Expected observations \[..., 34\], got \(33,\)"),
+        ((torch.tensor(1.0), GOOD[1]), r"must fit, got \[\] and \[2\]"),
+        ((GOOD[0], torch.full((3, 2), 0.5)), r"must fit, got \[4, 34\] and \[3, 2\]"),
+        ((GOOD[0][0], torch.full((3, 2), 0.5)), r"must fit, got \[34\] and \[3, 2\]"),
+        ((GOOD[0], torch.tensor(1.0)), "A preference needs 2 entries"),
+        ((GOOD[0].bool(), GOOD[1]), "Observations must be real numbers, got bool"),
+        (({"observation": GOOD[0]}, GOOD[1]), "Observations must be a tensor of numbers, got dict"),
+        ((GOOD[0], "calm"), "Preferences must be a tensor of numbers, got str"),
+        (([[0.0] * 34, [0.0]], GOOD[1]), "Observations must be a tensor of numbers, got list"),
+    ],
+    ids=range(9),
+)
+def test_inputs_of_another_shape_or_kind_are_named(smoke_run, inputs, sentence):
+    with pytest.raises(ValueError, match=sentence) as error:
+        morlnav.load(smoke_run)(*inputs)
+    assert "\n" not in str(error.value)
 
 
 def test_the_preference_matters_to_the_action(smoke_run):

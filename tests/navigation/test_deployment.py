@@ -93,6 +93,19 @@ def test_no_echo_means_that_nothing_is_there(no_echo):
     assert (sectors(scan(np.full(720, no_echo))) == 4).all()
 
 
+def test_readings_may_be_masked_or_a_tensor():
+    masked = scan(ring(r300=2.0, r301=3.0))
+    masked.ranges = np.ma.masked_equal(masked.ranges, 2.0)
+    assert sectors(masked)[12] == 3
+    masked.ranges = torch.full((720,), 3.0, requires_grad=True)
+    assert (sectors(masked) == 3).all()
+
+
+@pytest.mark.parametrize("no_echo", [65.533, 1000.0])
+def test_a_number_far_beyond_the_range_is_no_echo(no_echo):
+    assert (sectors(scan(np.full(720, no_echo), far=6.0)) == 4).all()
+
+
 def test_one_failed_ray_says_nothing_and_its_neighbours_do():
     seen = observe(scan(ring(r360=NAN, r361=2.0)))
     assert seen.isfinite().all()
@@ -213,6 +226,13 @@ def test_a_policy_that_is_not_told_of_the_human_gets_less():
         ({"scan": scan(ring(), first=NAN)}, "angle_min and angle_increment must be 2 finite numbers"),
         ({"scan": scan(ring(), near=2.0, far=1.0)}, "range_min and range_max must ascend from 0, got 2 and 1"),
         ({"scan": scan(ring(), far=NAN)}, "must ascend from 0"),
+        ({"scan": scan(ring(), near=None)}, "must ascend from 0, got nan"),
+        (
+            {"scan": scan(ring()[:8], first=-180.0, step=0.5)},
+            "angle_min must be an angle in rad, got -180; is it in",
+        ),
+        ({"scan": scan(np.linspace(500, 4000, 720))}, "ranges reach 4000, range_max is 10 m; are they in millimetres"),
+        ({"scan": SimpleNamespace(ranges=[1.0])}, "A scan needs .*; there is no angle_min"),
         ({"scan": scan(ring(r7=-1.0))}, r"scan.ranges\[7\] must be a distance in metres, got -1"),
     ],
 )

@@ -1,5 +1,6 @@
 """Every file that a run, or a recording, is made of is missed when it changes: cut, emptied, flipped or deleted."""
 
+import json
 import shutil
 
 import pytest
@@ -7,7 +8,12 @@ import torch
 
 import morlnav
 from morlnav.modules import load_module, read_facts, write_facts
-from morlnav.navigation.demonstrations import load_demonstrations, record_demonstrations, save_demonstrations
+from morlnav.navigation.demonstrations import (
+    demonstration_settings,
+    load_demonstrations,
+    record_demonstrations,
+    save_demonstrations,
+)
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import SceneSampler
 
@@ -56,3 +62,28 @@ def test_a_recording_is_not_taken_for_another(recording, tmp_path, name, damage)
     with pytest.raises((ValueError, FileNotFoundError), match=str(folder)) as error:
         load_demonstrations(folder)
     assert "\n" not in str(error.value)
+
+
+def test_one_flipped_bit_of_a_header_is_noticed(recording, tmp_path):
+    folder = shutil.copytree(recording, tmp_path / "drives")
+    header = (recording / "demonstrations.json").read_bytes()
+    for place in range(0, len(header), 3):
+        changed = bytearray(header)
+        changed[place] ^= 1
+        (folder / "demonstrations.json").write_bytes(changed)
+        with pytest.raises(ValueError, match=str(folder)):
+            demonstration_settings(folder)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"settings": None}, {"settings": {"world": "flat"}}, {"episodes": 99}, {"more": 1}, [1], "[" * 10**5],
+    ids=range(6),
+)
+def test_a_header_of_other_content_is_refused(recording, tmp_path, change):
+    folder = shutil.copytree(recording, tmp_path / "drives")
+    header = json.loads((folder / "demonstrations.json").read_text())
+    changed = json.dumps(header | change if isinstance(change, dict) else change)
+    (folder / "demonstrations.json").write_text(change if isinstance(change, str) else changed)
+    with pytest.raises(ValueError, match="is damaged"):
+        demonstration_settings(folder)

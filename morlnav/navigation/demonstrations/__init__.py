@@ -1,6 +1,7 @@
 """Demonstrations: recorded from a policy, driven by hand, or imported."""
 
 from morlnav.navigation.demonstrations.columns import Reading
+from morlnav.navigation.demonstrations.export import export_demonstrations
 from morlnav.navigation.demonstrations.folder import (
     demonstration_settings,
     demonstrations_digest,
@@ -13,7 +14,7 @@ from morlnav.navigation.demonstrations.record import Disturbance, record_demonst
 from morlnav.navigation.demonstrations.replay import recorded_demonstrations, replay_demonstrations
 from morlnav.navigation.demonstrations.seed_replay import SeedReplay
 from morlnav.navigation.demonstrations.sources import RecordedFolder, RecordedPolicy
-from morlnav.navigation.demonstrations.trajectories import export_demonstrations, import_demonstrations
+from morlnav.navigation.demonstrations.trajectories import import_demonstrations
 from morlnav.navigation.demonstrations.trajectory_file import Trajectories, read_trajectories
 
 __all__ = [

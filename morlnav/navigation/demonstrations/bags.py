@@ -59,11 +59,11 @@ def read_bag(path: Path, reading: Reading) -> tuple[Table, Reading]:
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
             return _Bag(path, reader, reading).table()
-    except (ValueError, OSError):
-        raise
     except AnyReaderError as error:
         raise ValueError(f"{path} is no ROS bag that can be read: {str(error).splitlines()[0]}") from error
     except Exception as error:  # of the many kinds that damaged storage raises
+        if isinstance(error, ValueError | OSError) and not isinstance(error, UnicodeError):
+            raise
         raise ValueError(f"{path} is damaged: {type(error).__name__}: {error}".splitlines()[0]) from error
 
 

@@ -1,70 +1,19 @@
-"""Which column of a table is what, and in which unit: from names that people use, or as they say."""
+"""Which column of a table is what, and in which unit: as the names say, or as somebody says who knows."""
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from morlnav.config import nearest
+from morlnav.navigation.demonstrations.names import EPISODE, KINDS, SCENE, TRACK, UNITS, kind, parse, plain
 from morlnav.navigation.demonstrations.table import BLANK, Table
-
-UNITS = {
-    "time": {"s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
-             "millis": 1e-3, "milliseconds": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6, "micros": 1e-6,
-             "microseconds": 1e-6, "ns": 1e-9, "nsec": 1e-9, "nsecs": 1e-9, "nanosec": 1e-9, "nanoseconds": 1e-9,
-             "min": 60.0},
-    "length": {"m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "cm": 1e-2, "mm": 1e-3,
-               "km": 1e3, "dm": 0.1, "ft": 0.3048, "in": 0.0254},
-    "angle": {"rad": 1.0, "radian": 1.0, "radians": 1.0, "deg": np.pi / 180, "degree": np.pi / 180,
-              "degrees": np.pi / 180, "°": np.pi / 180, "mrad": 1e-3},
-    "speed": {"m/s": 1.0, "mps": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6},
-    "turn": {"rad/s": 1.0, "radps": 1.0, "deg/s": np.pi / 180, "°/s": np.pi / 180, "dps": np.pi / 180},
-}  # fmt: skip
-"""Factors to s, m, rad, m/s and rad/s."""
-
-NAMES = {
-    "time": "time t times timestamp timestamps stamp ts sec secs seconds elapsed elapsed_time time_stamp clock "
-    "rosbag_timestamp unix unixtime unix_time epoch datetime date_time log_time sim_time rel_time zeit stamp_s",
-    "nanosec": "nanosec nanosecs nsec nsecs nanoseconds stamp_nanosec stamp_nsecs stamp_nsec",
-    "stamp_sec": "stamp_sec stamp_secs",
-    "frame": "frame frames frame_number frame_no frame_idx frame_index seq tick step",
-    "x": "x px x_pos easting",
-    "y": "y py y_pos northing",
-    "heading": "heading yaw theta th phi psi θ φ ψ orientation rotation angle yaw_angle heading_angle azimuth bearing "
-    "course direction compass rot orientation_yaw rotation_yaw",
-    **{
-        f"q{part}": f"q{part} q_{part} quat_{part} quaternion_{part} orientation_{part} rotation_{part} rot_{part}"
-        for part in "xyzw0123"
-    },
-    "v": "v vel speed velocity linear linear_velocity lin_vel v_lin vel_lin linear_x linear_vel vx vel_x v_x "
-    "forward_speed linear_speed velocity_linear velocity_linear_x cmd_v",
-    "omega": "omega w ω angular angular_velocity ang_vel yaw_rate yawrate turn_rate angular_z wz w_z omega_z "
-    "angular_speed velocity_angular velocity_angular_z theta_dot heading_rate vel_theta cmd_w",
-    "length": "length len size_x l",
-    "width": "width size_y",
-    "half_length": "half_length",
-    "half_width": "half_width",
-}
-KNOWN = {name: part for part, names in NAMES.items() for name in names.split()}
-EPISODE = re.compile(
-    r"(?:(?:episode|ep|trial|run|traj|trajectory|drive|demo|demonstration|session|rollout|scenario|take|recording|bag|"
-    r"experiment|lap)s?)(?:_?(?:id|ids|index|idx|no|nr|num|number|name|uuid|key))?"
-)
-TRACK = re.compile(r"(?:track|ped|pedestrian|person|agent|object|actor|human)_?(?:id|index|no|number)|id|agent|p")
-SUBJECTS = {"goal": "goal target destination dest", "start": "start initial init",
-            "human": "human person ped pedestrian people humans", "box": "box obstacle obst boxes"}  # fmt: skip
-OF_SUBJECT = {word: subject for subject, words in SUBJECTS.items() for word in words.split()}
-FILLING = frozenset(
-    "robot base ego pose pos position positions odom odometry field map world msg message header data value link tf "  # noqa: SIM905
-    "footprint amcl translation transform point global local geometry center centre centroid loc location coord ros "
-    "coordinate coordinates twist cmd state stamped with covariance current actual true est".split()
-)
-
 
 TOPICS = ("pose", "goal", "human", "scan")
 """Parts of a bag."""
@@ -76,20 +25,18 @@ class Reading:
 
     Args:
         columns: the file's name for ``time``, ``episode``, ``x``, ``y``, ``heading``, ``v``, ``omega``, ``qx`` …
-            ``qw``, or a column of the scene such as ``goal_x``; of a bag, topics for ``pose``, ``goal``, ``human`` and
-            ``scan``.
-        units: of a column or of all of a kind: ``time``, ``length``, ``angle``, ``speed``, ``turn``. They go before
-            units that stand in a header, as in ``x [mm]`` or ``yaw_deg``.
+            ``qw``, or of the scene, as ``goal_x``; of a bag, topics for ``pose``, ``goal``, ``human`` and ``scan``.
+        units: of a column or of all of a kind: ``time``, ``length``, ``angle``, ``speed``, ``turn``; they go before
+            those in a header.
         separator: between fields, such as ``";"``.
         decimal: sign, ``"."`` or ``","``.
         names: of all columns, for a text without a header.
         rate: samples per second, for files without times or with numbers of frames.
-        heading: where it comes from, and how it counts: ``"motion"`` takes the direction of the drive, ``"clockwise"``
-            turns the sign, ``"compass"`` is clockwise from the y axis; by default as the file says, counter-clockwise
-            from the x axis.
+        heading: ``"motion"`` takes the direction of the drive, ``"clockwise"`` turns the sign, ``"compass"`` is
+            clockwise from the y axis; by default as the file says, counter-clockwise from the x axis.
         goal: ``(x, y)`` in metres, in the place of columns; ``"end"``: where the drive ends.
         human: ``(x, y)`` in metres, in the place of columns; ``"scan"``: of a bag, where its scans see one.
-        robot: id of the track that drives, of a file of several tracks; see ``person``.
+        robot: id of the track that drives, in a file of several.
         person: id of the track that stands in the way.
         max_gap: longest time without a sample, in seconds (1 by default).
 
@@ -119,37 +66,25 @@ class Reading:
 
     def __post_init__(self) -> None:
         for name in self.columns:
-            if _kind(name) is None and name not in (*TOPICS, "episode", "nanosec", "frame", "track"):
-                known = ("time", "episode", *(part for part in NAMES if part in _KINDS), *_SCENE)
-                raise ValueError(f"columns: there is no {name}; {nearest(name, known)}")
+            if kind(name) is None and name not in (*TOPICS, "episode", "nanosec", "frame", "track"):
+                raise ValueError(f"columns: there is no {name}; {nearest(name, ('episode', *KINDS, *SCENE))}")
         for name, unit in self.units.items():
-            kind = name if name in UNITS else _kind(name)
-            if kind is None:
-                raise ValueError(f"units: there is no {name}; {nearest(name, (*UNITS, *_KINDS, *_SCENE))}")
-            if unit not in UNITS[kind]:
-                raise ValueError(f"units: {name} is in {', '.join(list(UNITS[kind])[:8])}, ... got {unit}.")
+            of = name if name in UNITS else kind(name)
+            if of is None:
+                raise ValueError(f"units: there is no {name}; {nearest(name, (*UNITS, *KINDS, *SCENE))}")
+            if unit not in UNITS[of]:
+                raise ValueError(f"units: {name} is in {', '.join(list(UNITS[of])[:8])}, ... got {unit}.")
+        if self.separator is not None and len(self.separator) != 1:
+            raise ValueError(f"separator must be one sign, got {self.separator!r}.")
         for name in ("rate", "max_gap"):
             if getattr(self, name) is not None and not 0 < getattr(self, name) < np.inf:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}.")
+        for name in ("goal", "human"):
+            place = getattr(self, name)
+            if not isinstance(place, str | None) and not np.isfinite(np.asarray(place, float)).all():
+                raise ValueError(f"{name} must be two finite numbers, got {place}.")
         if self.heading not in (None, "motion", "clockwise", "compass"):
             raise ValueError(f"heading must be motion, clockwise or compass, got {self.heading}.")
-
-
-_KINDS = {"time": "time", "x": "length", "y": "length", "heading": "angle", "v": "speed", "omega": "turn",
-          **{f"q{part}": "" for part in "xyzw"}}  # fmt: skip
-_SCENE = tuple(f"{subject}_{part}" for subject in ("goal", "human", "start") for part in ("x", "y"))
-
-
-def _kind(name: str) -> str | None:
-    """What is measured in a column; ``""`` for pure numbers, ``None`` for unknown names."""
-    if name in _KINDS:
-        return _KINDS[name]
-    subject, _, part = name.partition("_")
-    if re.fullmatch(r"goal|human|start|box\d+", subject):
-        is_angle = part in (("heading",) if subject == "start" else ("angle",) if subject.startswith("box") else ())
-        lengths = ("x", "y", *(("half_length", "half_width", "length", "width") if subject.startswith("box") else ()))
-        return "angle" if is_angle else "length" if part in lengths else None
-    return None
 
 
 class Columns:
@@ -178,9 +113,9 @@ class Columns:
 
     def __init__(self, table: Table, reading: Reading) -> None:
         self.table, self.reading = table, reading
-        self.name, self._units = _choose(table, reading)
+        self.name, self._units = choose(table, reading)
         found = [name for name in table.columns
-                 if name not in self.name.values() and EPISODE.fullmatch(_normal(name))]  # fmt: skip
+                 if name not in self.name.values() and EPISODE.fullmatch(plain(name))]  # fmt: skip
         self.episodes = [self.name["episode"]] if "episode" in self.name else found
         self._read: dict[str, None] = {}
 
@@ -191,28 +126,24 @@ class Columns:
         """A column as ``float64`` ``[N]``; cells of the scene may be blank, which become NaN."""
         column = self.name[name]
         self._read[column] = None
-        kind = {"stamp_sec": "time"}.get(name, _kind(name))
-        if kind == "time" and (dates := _dates(self.table.columns[column])) is not None:
+        of = kind(name)
+        if of == "time" and (dates := _dates(self.table, column)) is not None:
             return dates
         numbers = self.table.numbers(column, blank=name.startswith(("goal", "human", "start", "box")))
-        if kind == "time" or name == "frame":
+        if of == "time" or name == "frame":
             numbers = numbers - numbers.min()  # while they are whole
-        return numbers.astype(float) * self._factor(name, kind)
-
-    def _factor(self, name: str, kind: str | None) -> float:
-        unit = self.reading.units.get(name) or self.reading.units.get(kind) or self._units.get(name)
-        if not kind or unit is None:
-            return 1.0
-        if unit not in UNITS[kind]:
+        unit = self.reading.units.get(name) or self.reading.units.get(of) or self._units.get(name)
+        if not of or unit is None:
+            return numbers.astype(float)
+        if unit not in UNITS[of]:
             raise ValueError(
-                f"{self.table.path}, column {self.name[name]}: {unit} is no unit of {kind}; choose from: "
-                f"{', '.join(UNITS[kind])}."
+                f"{self.table.path}, column {column}: {unit} is no unit of {of}; choose from: {', '.join(UNITS[of])}."
             )
-        return UNITS[kind][unit]
+        return numbers * UNITS[of][unit]
 
     def unit_is_told(self, name: str) -> bool:
         """Whether header or reading say in which unit a column is."""
-        return bool({name, _kind(name)} & set(self.reading.units) or self._units.get(name))
+        return bool({name, kind(name)} & set(self.reading.units) or self._units.get(name))
 
     def ids(self) -> np.ndarray | None:
         """What tells episodes apart ``[N]``: the text of a column, or of several side by side; ``None`` without one.
@@ -230,7 +161,7 @@ class Columns:
                     f"{self.table.path}, {self.table.at(int(blank.to_numpy().argmax()))}, column {name}: expected the "
                     f"name or number of an episode, got nothing."
                 )
-            whole = cells.dtype != object and (cells % 1 == 0).all()
+            whole = pd.api.types.is_numeric_dtype(cells) and (cells % 1 == 0).all()
             parts.append((cells.astype(int) if whole else cells).astype(str))
         return None if not parts else pd.concat(parts, axis=1).agg(" ".join, axis=1).to_numpy()
 
@@ -255,108 +186,61 @@ class Columns:
         return [name for name in self.table.columns if name not in self._read]
 
 
-def _choose(table: Table, reading: Reading) -> tuple[dict[str, str], dict[str, str]]:
-    """Columns of the table by canonical name, and the units that stand in their names."""
-    chosen, units, candidates = {}, {}, {}
+def choose(table: Table, reading: Reading) -> tuple[dict[str, str], dict[str, str]]:
+    """Columns of the table by canonical name, and the units that stand in their names or in a row of their own."""
+    parsed = {column: parse(column) for column in table.columns}
+    told = {column: table.units.get(column) or unit for column, (_, unit) in parsed.items()}
+    chosen = {}
     for name, column in reading.columns.items():
         found = [own for own in table.columns if own == column] or [
-            own for own in table.columns if _normal(own) == _normal(column)
+            own for own in table.columns if plain(own) == plain(column)
         ]
         if not found:
             raise ValueError(f"{table.path}: there is no column {column} that could be {name}; {table}.")
+        if found[0] in chosen.values():
+            raise ValueError(f"{table.path}: column {found[0]} is given for {name}, and for another one.")
         chosen[name] = found[0]
-        units[name] = _parse(found[0])[1]
-    humans: dict[str, set[str]] = {}
-    for column in table.columns:
-        canonical, unit = _parse(column)
-        if canonical is None or column in chosen.values():
-            continue
-        if match := re.fullmatch(r"human(\d*)_(.+)", canonical):
-            humans.setdefault(match[1], set()).add(column)
-            canonical = f"human_{match[2]}"
-        candidates.setdefault(canonical, []).append((column, unit))
-    for name, found in candidates.items():
-        if name in chosen:
-            continue
-        exact = [entry for entry in found if _normal(entry[0]) == name] or found
+    candidates, humans = {}, set()
+    for column, (name, _) in parsed.items():
+        if name is not None and column not in chosen.values():
+            one = re.sub(r"^human\d+", "human", name)
+            humans |= {name.partition("_")[0]} if one.startswith("human") else set()
+            candidates.setdefault(one, []).append(column)
+    for name in [name for name in candidates if name not in chosen]:
+        found = [column for column in candidates[name] if plain(column) == name] or candidates[name]
         if name.startswith("human") and len(humans) > 1 and reading.human is None:
             raise ValueError(
                 f"{table.path} holds {len(humans)} humans, and the world knows one; name whose columns to take, as in "
-                f"--columns human_x={found[-1][0]}; {table}."
+                f"--columns human_x={candidates[name][-1]}; {table}."
             )
-        if len(exact) > 1:
-            raise ValueError(
-                f"{table.path}: {name} could be {' or '.join(column for column, _ in exact)}; "
-                f"choose with --columns {name}=NAME."
-            )
-        chosen[name], units[name] = exact[0]
-    for part in ("length", "width"):
-        for name in [name for name in chosen if re.fullmatch(rf"box\d+_{part}", name)]:
-            if name.replace(part, f"half_{part}") in chosen:
-                del chosen[name]
-    return chosen, units
+        if len(found) > 1:
+            raise ValueError(f"{table.path}: {name} could be {' or '.join(found)}; choose with --columns {name}=NAME.")
+        chosen[name] = found[0]
+    for name in [name for name in chosen if re.fullmatch(r"box\d+_(length|width)", name)]:
+        if re.sub("length|width", r"half_\g<0>", name) in chosen:
+            del chosen[name]
+    return chosen, {name: unit for name, column in chosen.items() if (unit := told[column])}
 
 
-def _normal(name: str) -> str:
-    """``"goalX"`` and ``"Goal x"`` as ``"goal_x"``."""
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name.strip())
-    return re.sub(r"[\W_]+", "_", spaced).strip("_").lower()
-
-
-def _parse(name: str) -> tuple[str | None, str | None]:
-    """The canonical name of a column, and the unit that stands in its own: ``"Pos X [mm]"`` is ``x`` in ``mm``."""
-    bare, unit = name, None
-    if bracket := re.search(r"[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*$", name):
-        bare, unit = name[: bracket.start()], bracket[1]
-        if not any(unit.lower() in known for known in UNITS.values()):
-            bare, unit = (name, None) if unit.isdigit() else (bare, unit)
-        else:
-            unit = unit.lower()
-    tokens = _normal(bare).split("_")
-    found = _canonical(tokens)
-    if found is None and unit is None and len(tokens) > 1:
-        kind = _kind(_canonical(tokens[:-1]) or "")
-        if kind and tokens[-1] in UNITS[kind]:
-            return _canonical(tokens[:-1]), tokens[-1]
-    return found, unit
-
-
-def _canonical(tokens: Sequence[str]) -> str | None:
-    if "_".join(tokens) in KNOWN and tokens[0] not in ("length", "width", "len", "size", "half", "l"):
-        part = KNOWN["_".join(tokens)]
-        return part
-    split = [token for word in tokens for token in re.findall(r"[^\W\d_]+|\d+", word)]
-    subject = next((OF_SUBJECT[token] for token in split if token in OF_SUBJECT), None)
-    if subject is None:
-        rest = [token for token in tokens if token not in FILLING]
-        part = KNOWN.get("_".join(rest)) if rest else None
-        return None if part in ("length", "width", "half_length", "half_width") else part
-    number = next((token for token in split if token.isdigit()), "")
-    rest = [token for token in split if token not in OF_SUBJECT and token not in FILLING and not token.isdigit()]
-    part = {"width": "width", "w": "width", "length": "length", "l": "length"}.get("_".join(rest)) or KNOWN.get(
-        "_".join(rest)
-    )
-    if part == "heading":
-        part = {"box": "angle", "start": "heading"}.get(subject)
-    allowed = {"x", "y", "angle", "length", "width", "half_length", "half_width"} if subject == "box" else {"x", "y"}
-    if part not in allowed | ({"heading"} if subject == "start" else set()):
+def _dates(table: Table, column: str) -> np.ndarray | None:
+    """Dates and times of day as seconds ``[N]``; ``None`` for cells that are numbers."""
+    cells = table.columns[column]
+    if pd.api.types.is_numeric_dtype(cells) or pd.to_numeric(cells.astype(str), errors="coerce").notna().any():
         return None
-    if subject == "box":
-        number = number or "1"
-    return f"{subject}{number if subject in ('box', 'human') else ''}_{part}"
-
-
-def _dates(cells: pd.Series) -> np.ndarray | None:
-    """Dates and times of day as seconds; ``None`` for cells that are numbers."""
-    if pd.to_numeric(cells, errors="coerce").notna().any():
+    if cells.dtype.kind not in "mM":
+        cells = cells.astype(str).str.strip().str.replace(r"(?<=\d),(?=\d+$)", ".", regex=True)
+        if cells.str.fullmatch(r"\d+:\d+\.\d+").mean() > 0.5:
+            cells = "00:" + cells  # minutes and seconds
+    with warnings.catch_warnings(action="ignore"):  # of pandas, which would rather be told the format
+        ways = [pd.to_timedelta(cells, errors="coerce")] if cells.dtype.kind != "M" else []
+        ways += [pd.to_datetime(cells, utc=True, errors="coerce", **how) for how in ({"format": "ISO8601"}, {})]
+    times = max(ways, key=lambda way: way.notna().sum())
+    if times.isna().mean() > 0.5:
         return None
-    for how in ({"format": "ISO8601"}, {}):
-        try:
-            dates = pd.to_datetime(cells, utc=True, **how)
-            return (dates - dates.min()).dt.total_seconds().to_numpy(float)
-        except (ValueError, TypeError):
-            continue
-    return None
+    if times.isna().any():
+        row = int(times.isna().to_numpy().argmax())
+        raise ValueError(f"{table.path}, {table.at(row)}, column {column}: expected a time, got {cells[row]!r}.")
+    return (times - times.min()).dt.total_seconds().to_numpy(float)
 
 
 def one_track(table: Table, reading: Reading) -> Table:
@@ -376,12 +260,11 @@ def one_track(table: Table, reading: Reading) -> Table:
         [3.0, 3.0]
     """
     named = reading.columns.get("track")
-    column = named or next((name for name in table.columns if TRACK.fullmatch(_normal(name))), None)
-    if column is None or (column in reading.columns.values() and not named):
-        ids = None
-    elif column not in table.columns:
-        raise ValueError(f"{table.path}: there is no column {column} that could be track; {table}.")
-    else:
+    column = named or next((name for name in table.columns if TRACK.fullmatch(plain(name))), None)
+    if named is not None and named not in table.columns:
+        raise ValueError(f"{table.path}: there is no column {named} that could be track; {table}.")
+    ids = None
+    if column is not None and (named or column not in reading.columns.values()):
         cells = table.columns[column]
         numbers = pd.to_numeric(cells, errors="coerce")
         ids = (numbers.astype(int) if numbers.notna().all() else cells).astype(str).reset_index(drop=True)
@@ -399,20 +282,19 @@ def one_track(table: Table, reading: Reading) -> Table:
     for name, track in wanted.items():
         if track is not None and track not in known:
             raise ValueError(f"{table.path}: there is no track {track} for --{name}; there are {_some(known)}.")
-    chosen, _ = _choose(table, reading)
     rows = np.flatnonzero(ids == reading.robot)
     columns = {name: cells.iloc[rows].reset_index(drop=True) for name, cells in table.columns.items() if name != column}
     if reading.person is not None:
-        other = {name: cells[(ids == reading.person).to_numpy()] for name, cells in table.columns.items()}
-        moment = chosen.get("time") or chosen.get("frame")
+        chosen, _ = choose(table, reading)
+        moment, theirs = chosen.get("time") or chosen.get("frame"), (ids == reading.person).to_numpy()
         if moment is None:
             raise ValueError(f"{table.path}: tracks side by side need a column time or frame; {table}.")
         for part in ("x", "y"):
-            place = pd.Series(other[chosen[part]].to_numpy(), index=other[moment].to_numpy())
+            place = pd.Series(table.columns[chosen[part]][theirs].to_numpy(), table.columns[moment][theirs].to_numpy())
             columns[f"human_{part}"] = columns[moment].map(place[~place.index.duplicated()])
     left = len(known) - sum(track is not None for track in wanted.values())
     notes = (*table.notes, f"{left} other tracks are left out") if left else table.notes
-    return Table(table.path, columns, table.row[rows], table.place, notes)
+    return replace(table, columns=columns, row=table.row[rows], notes=notes)
 
 
 def _some(names: Sequence[str], most: int = 8) -> str:
@@ -433,14 +315,14 @@ def with_poses(table: Table, reading: Reading) -> Table:
         >>> kept.columns["human_x"].tolist(), kept.row.tolist(), kept.notes
         (['3', '3'], [0, 2], ('1 rows without a pose left out',))
     """
-    chosen, _ = _choose(table, reading)
+    chosen, _ = choose(table, reading)
     pose = [chosen[name] for name in ("x", "y", "heading", *(f"q{part}" for part in "xyzw")) if name in chosen]
     filled = {name: cells.mask(cells.astype(str).str.strip().str.lower().isin(BLANK)) for name, cells in
-              table.columns.items() if name in pose or re.match("goal|human", _parse(name)[0] or "")}  # fmt: skip
+              table.columns.items() if name in pose or re.match("goal|human", parse(name)[0] or "")}  # fmt: skip
     blank = np.all([filled[name].isna() for name in pose], axis=0) if pose else np.zeros(len(table.row), bool)
     if not blank.any() or blank.all():
         return table
     carried = {name: cells.ffill().bfill() for name, cells in filled.items() if name not in pose}
     columns = {name: cells[~blank].reset_index(drop=True) for name, cells in {**table.columns, **carried}.items()}
     notes = (*table.notes, f"{blank.sum()} rows without a pose left out")
-    return Table(table.path, columns, table.row[~blank], table.place, notes)
+    return replace(table, columns=columns, row=table.row[~blank], notes=notes)

@@ -180,6 +180,7 @@ def add_demonstrations(data: TensorDict, path: Path, source: str, world: World |
     Raises:
         ValueError: if the folder's demonstrations are of another world, or seen by another lidar.
     """
+    path = path.resolve()  # a link stays one
     unfinished, replaced = (path.with_name(path.name + end) for end in (".part", ".old"))
     if replaced.exists() and not path.exists():  # interrupted between the last two steps below
         replaced.rename(path)
@@ -196,7 +197,11 @@ def add_demonstrations(data: TensorDict, path: Path, source: str, world: World |
         raise ValueError(f"The demonstrations in {path} are others: {error}; record into another folder.") from error
     for leftover in (unfinished, replaced):
         shutil.rmtree(leftover, ignore_errors=True)
-    save_demonstrations(data, unfinished, settings, world)
+    try:
+        save_demonstrations(data, unfinished, settings, world)
+    except OSError:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise
     if path.exists():
         path.rename(replaced)
     unfinished.rename(path)

@@ -12,13 +12,16 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from morlnav.files import sha256, write_tensors
+from morlnav.files import digest, sha256, write_tensors, write_text
 from morlnav.navigation.world import World
 
 SCHEMA = "morlnav.demonstrations"
 VERSION = 1
 HEADER = "demonstrations.json"
 ENTRIES = {"observation", "action", "executed_action", "pose", "scene", "episode", "step", "next"}
+OF_THE_REST = "sha256_of_the_rest"
+"""What a header calls the hash of all else that it says."""
+ENTRIES_TOLD = {"schema", "version", "episodes", "transitions", "settings", "files", "sha256"}
 ABSENT = (1000.0, 1000.0, 0.1, 0.1, 0.0)
 """A box that is out of everyone's way, where a scene has fewer boxes than others."""
 
@@ -57,7 +60,7 @@ def save_demonstrations(
         "files": _files(path / "data"),
         "sha256": _hashes(path / "data"),
     }
-    (path / HEADER).write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
+    write_text(path / HEADER, json.dumps(header | {OF_THE_REST: digest(header)}, indent=2) + "\n")
 
 
 def load_demonstrations(path: str | Path) -> TensorDict:
@@ -209,14 +212,19 @@ def _header(path: Path) -> dict[str, Any]:
     if not file.is_file():
         raise FileNotFoundError(f"{path} holds no demonstrations: there is no {HEADER}.")
     try:
-        header = json.loads(file.read_text(encoding="utf-8"))
+        header = json.loads(file.read_text(encoding="utf-8-sig"))
         schema, version = header["schema"], header["version"]
-    except (ValueError, KeyError, TypeError) as error:
+        told = header.pop(OF_THE_REST, None)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"{file} is damaged: it does not name a schema and a version.") from error
     if (schema, version) != (SCHEMA, VERSION):
         raise ValueError(
             f"{path} holds {schema!r} version {version!r}; this release reads {SCHEMA!r} version {VERSION}."
         )
+    settings = header.get("settings", {})
+    known = isinstance(settings, dict) and isinstance(settings.get("world", {}), dict) and set(header) <= ENTRIES_TOLD
+    if not known or told not in (None, digest(header)):  # the first releases kept no hash of it
+        raise ValueError(f"{file} is damaged: it holds other content than was saved.")
     return header
 
 

@@ -1,6 +1,7 @@
 """Bags as robots record them: ten minutes between two places, past somebody who stands there."""
 
 import shlex
+import shutil
 import sys
 from pathlib import Path
 
@@ -193,7 +194,17 @@ def test_what_a_bag_does_not_tell_is_asked_for(driven, tmp_path):
     (tmp_path / "bad.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
     (tmp_path / "torn").mkdir()
     (tmp_path / "torn" / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}")
-    for name in ("bad.bag", "torn"):
+    shutil.copytree(tmp_path / "bare", tmp_path / "garbled")
+    (tmp_path / "garbled" / "metadata.yaml").write_bytes(b"\xff\xfe: [")
+    shutil.copytree(tmp_path / "bare", tmp_path / "loose")
+    (tmp_path / "loose" / "metadata.yaml").unlink()
+    with pytest.raises(ValueError, match=r"a ROS 2 bag without its metadata.yaml; give the .db3"):
+        read_trajectories(tmp_path / "loose")
+    loose = read_trajectories(next((tmp_path / "loose").glob("*.db3")), Reading(goal="end", human=HUMAN))
+    assert len(loose.time) == 700
+    with pytest.raises(ValueError, match=r"--human: human of episode 0 lies .* is it in another frame than the robot"):
+        read_trajectories(tmp_path / "bare", Reading(goal="end", human=(300.0, 0.2)))
+    for name in ("bad.bag", "torn", "garbled"):
         with pytest.raises(ValueError, match=name) as caught:
             import_demonstrations(tmp_path / name)
         assert "\n" not in str(caught.value)

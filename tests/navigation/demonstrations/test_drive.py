@@ -197,6 +197,35 @@ def test_recordings_grow_from_drive_to_drive(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
+def test_a_folder_behind_a_link_grows_there(tmp_path):
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 1, num_envs=4)
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "mine").symlink_to("disk")
+    assert [add_demonstrations(data, tmp_path / "mine", "me") for _ in range(3)] == [1, 2, 3]
+    assert (tmp_path / "mine").is_symlink()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "mine"]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["drives.csv", "--columns", "x=x", "x=y"], "--columns tells x twice"),
+        (["drives.csv", "drives.csv"], "drives.csv is named twice"),
+        (["drives.csv", "--tolerance", "nan"], "tolerance must be positive"),
+        (["minari:none-v0", "--columns", "x=y"], "leave the options of import out"),
+        (["minari:none-v0", "--good-only"], "leave the options of import out"),
+    ],
+)
+def test_words_that_contradict_each_other_or_do_nothing(words, sentence, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 1, num_envs=4)
+    export_demonstrations(data, tmp_path / "drives.csv")
+    monkeypatch.setattr(sys, "argv", ["morlnav-record", "mine", "--import", *words])
+    with pytest.raises(SystemExit, match=sentence):
+        record.main()
+    assert not (tmp_path / "mine").exists()
+
+
 def test_a_file_is_imported_by_one_command(tmp_path, monkeypatch, capsys):
     data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 2, num_envs=4)
     export_demonstrations(data, tmp_path / "drives.csv")

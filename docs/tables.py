@@ -33,12 +33,17 @@ def styles() -> str:
     return _table(head, ([name, *_outcome(part, "collision"), *_driving(part)] for name, part in rows.items()))
 
 
-def three_styles() -> str:
+def three_styles(runs: dict[str, Path] | None = None) -> str:
     """A row for each seed of the default recipe."""
-    runs = {"0": RESULTS / "default"} | {_seed(path): path for path in sorted((RESULTS / "three_styles").iterdir())}
+    runs = runs or {"0": RESULTS / "default"} | {_seed(path): path for path in sorted((RESULTS / "three_styles").iterdir())}
     head = ["seed", "off demonstration", "human on right", "distance to human", "than shortest path"]
     head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES), "of the front", "excess"]
     return _table(head, ([seed, *_seed_row(path)] for seed, path in runs.items()))
+
+
+def no_refinement() -> str:
+    """The same seeds before their refinement."""
+    return three_styles({_seed(path): path for path in sorted((RESULTS / "no_refinement").iterdir())})
 
 
 def two_styles(folder: str = "two_styles") -> str:
@@ -54,7 +59,7 @@ def two_objectives() -> str:
     return two_styles("two_objectives")
 
 
-TABLES = {"README.md": (styles,), "docs/results.md": (styles, three_styles, two_styles, two_objectives)}
+TABLES = {"README.md": (styles,), "docs/results.md": (styles, three_styles, no_refinement, two_styles, two_objectives)}
 
 
 def renewed(page: str) -> str:

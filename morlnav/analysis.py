@@ -226,7 +226,7 @@ def _differences(runs: dict[str, Path]) -> pd.DataFrame:
     A word such as ``ablation=no_human`` stands for all that it changes.
     """
     configs, typed, _ = _words(runs)
-    same = typed.astype(str).agg(", ".join, axis=1) if len(typed.columns) else pd.Series("", configs.index)
+    same = typed.map(str).agg(", ".join, axis=1) if len(typed.columns) else pd.Series("", configs.index)
     unexplained = configs.groupby(same).nunique(dropna=False).max() > 1
     rest = configs.loc[:, unexplained].drop(columns=list(typed), errors="ignore")
     return pd.concat([pd.Series(list(runs), name="run"), typed, rest], axis=1)

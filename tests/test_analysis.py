@@ -114,6 +114,12 @@ def test_a_choice_that_one_run_did_not_type_is_known_from_hydra(tmp_path):
     assert table["ablation"].unique().tolist() == ["our", "no_human"]
 
 
+def test_a_run_that_typed_nothing_stands_beside_one_that_did(tmp_path):
+    make_run(tmp_path / "0", sees=True)
+    type_words(make_run(tmp_path / "1", sees=False), "ablation=no_human")
+    assert load_sweep(tmp_path).drop_duplicates("run")["ablation"].tolist()[1] == "no_human"
+
+
 def test_what_words_do_not_explain_is_named_too(tmp_path):
     for number, (seed, gamma) in enumerate([(1, 0.9), (2, 0.9), (1, 0.95), (2, 0.95)]):  # another default in between
         type_words(make_run(tmp_path / f"{number}", seed=seed, loss={"gamma": gamma}), f"seed={seed}")

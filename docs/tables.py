@@ -35,7 +35,8 @@ def styles() -> str:
 
 def three_styles(runs: dict[str, Path] | None = None) -> str:
     """A row for each seed of the default recipe."""
-    runs = runs or {"0": RESULTS / "default"} | {_seed(path): path for path in sorted((RESULTS / "three_styles").iterdir())}
+    kept = sorted((RESULTS / "three_styles").iterdir())
+    runs = runs or {"0": RESULTS / "default"} | {_seed(path): path for path in kept}
     head = ["seed", "off demonstration", "human on right", "distance to human", "than shortest path"]
     head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES), "of the front", "excess"]
     return _table(head, ([seed, *_seed_row(path)] for seed, path in runs.items()))

@@ -245,6 +245,7 @@ defaults:
   - replay@my.training.replay: hindsight
   - collector@my.training.collector: single
   - trainer@my.training.trainer: default
+  - refinement@my.training.refinement: pathwise
   - evaluation@my.training.evaluation: navigation
   - hooks@my.training.hooks: default
   - _self_
@@ -266,6 +267,7 @@ my:
     _target_: morlnav.trainers.Training
     _recursive_: false
     loss: {scalarisation: {scale: {default: 1.0}, tie_break: {default: 0.0}}}
+    refinement: {num_envs: 4, horizon: 5}
     hooks: {discount: {end: {default: 0.99}}}
 hydra:
   searchpath: [pkg://morlnav.conf]

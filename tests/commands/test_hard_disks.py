@@ -36,7 +36,7 @@ LOCKED = {
     "record new --import secrets/drive.csv": "permission denied.",
     "export run --format pt2": "run/export: permission denied.",
     "export run --format pt2 --output locked/new": "locked may not be written to",
-    "compare run locked/new --pairs 2 --scenes 2": "locked/new: permission denied.",
+    "compare run locked/new --pairs 2 --scenes 2": "locked may not be written to",
     "evaluate run --contexts secret.csv --route 0:hall": "secret.csv: permission denied.",
 }
 FULL = {

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from support import configure, trainer_for
+from support import assert_identical, configure
 from torchrl.checkpoint import CheckpointRotation
 
 import morlnav
 from morlnav.deployment.policy import Policy
+from morlnav.runs import make_training
 
 FILES = ("policy.pt", "policy.json")
 
@@ -102,14 +103,14 @@ def test_the_preference_matters_to_the_action(smoke_run):
     assert (policy(observation, one) != policy(observation, other)).any()
 
 
-def test_it_is_the_averaged_actor_not_the_last_one(smoke_run, tmp_path):
-    trainer = trainer_for(configure(), tmp_path)
+def test_it_is_the_refined_average_not_the_last_actor(smoke_run, tmp_path):
+    training = make_training(configure())
+    trainer = training.make_trainer(tmp_path)
     trainer.load_from_file(CheckpointRotation(smoke_run / "checkpoints", keep_last=1).latest())
-    average = trainer.checkpoint.components["average"].module
     loaded = morlnav.load(smoke_run).actor.state_dict()
-    assert loaded.keys() == average.state_dict().keys()
-    for name, value in average.state_dict().items():
-        assert torch.equal(loaded[name], value), name
+    assert_identical(loaded, training.finish(trainer).state_dict())
+    average = trainer.checkpoint.components["average"].module.state_dict()
+    assert any(not torch.equal(loaded[name], average[name]) for name in loaded)
     last = trainer.loss_module.actor_network_params
     weights = last.flatten_keys(".").to_dict()
     assert any(not torch.equal(loaded[name], weights[f"module.{name}"]) for name in loaded if "weight" in name)

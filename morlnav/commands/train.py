@@ -150,13 +150,14 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         for number, handler in handlers.items():
             signal.signal(number, handler)
     if interrupted and trainer.collected_frames < trainer.total_frames:
-        words = f"morlnav-train resume={shlex.quote(str(directory))}"
-        if _is_sweep():
-            words = f"the same words and hydra.sweep.dir={shlex.quote(HydraConfig.get().sweep.dir)}"
-        print(f"\nStopped after {trainer.collected_frames} frames; continue with: {words}")
+        print(f"\nStopped after {trainer.collected_frames} frames; continue with: {_words_to_continue(directory)}")
         return None
     finished = Run(directory, trust=True)
-    policy = training.finish(trainer, finished.learned)
+    try:
+        policy = training.finish(trainer, finished.learned)
+    except KeyboardInterrupt:
+        print(f"\nStopped in the refinement, which begins anew with: {_words_to_continue(directory)}")
+        return None
     deployment.save(policy, finished.evaluation.objectives, directory)
     print(f"\nTrained for {duration(time.perf_counter() - start)}.")
     with stage("evaluation", setting(training.trainer, "progress_bar")):
@@ -164,6 +165,12 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
     finished.evaluation.show(directory / "evaluation", directory)
     print(f"Everything is in {directory}")
     return finished
+
+
+def _words_to_continue(directory: Path) -> str:
+    if _is_sweep():
+        return f"the same words and hydra.sweep.dir={shlex.quote(HydraConfig.get().sweep.dir)}"
+    return f"morlnav-train resume={shlex.quote(str(directory))}"
 
 
 def _checkpoint_of(path: Path) -> Path:

@@ -21,7 +21,7 @@ from morlnav.cli import conf_dir, one_sentence_errors
 from morlnav.commands.evaluate import evaluate_run
 from morlnav.commands.train import run
 from morlnav.runs import Run
-from morlnav.trainers import Training
+from morlnav.trainers import PathwiseRefinement, Training
 from morlnav.trainers.checkpoint import find_checkpoints
 
 
@@ -85,6 +85,24 @@ def test_ctrl_c_says_how_to_go_on_and_going_on_loses_nothing(smoke_run, tmp_path
     monkeypatch.undo()
     run(configure(f"resume='{tmp_path}'"), tmp_path)
     assert "at 208 of 512 frames" in capsys.readouterr().out
+    assert_identical(torch.load(tmp_path / "policy.pt"), torch.load(smoke_run / "policy.pt"))
+
+
+def test_ctrl_c_in_the_refinement_says_how_to_go_on_and_going_on_gives_the_same(
+    smoke_run, tmp_path, monkeypatch, capsys
+):
+    def interrupted(self, actor, gamma):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(PathwiseRefinement, "_drive", interrupted)
+    assert run(configure(), tmp_path) is None
+    assert (
+        f"Stopped in the refinement, which begins anew with: morlnav-train resume={tmp_path}" in capsys.readouterr().out
+    )
+    assert not (tmp_path / "policy.pt").exists()
+
+    monkeypatch.undo()
+    assert run(configure(f"resume='{tmp_path}'"), tmp_path) is not None
     assert_identical(torch.load(tmp_path / "policy.pt"), torch.load(smoke_run / "policy.pt"))
 
 

@@ -48,9 +48,7 @@ def write_text(path: Path, text: str) -> None:
     >>> [file.name for file in path.parent.iterdir()]
     ['config.yaml']
     """
-    unfinished = path.with_name(f"{path.name}.part")
-    unfinished.write_text(text, encoding="utf-8")
-    unfinished.replace(path)
+    _replace(path, text.encode("utf-8"))
 
 
 def write_bytes(path: Path, content: bytes) -> None:
@@ -67,8 +65,12 @@ def write_bytes(path: Path, content: bytes) -> None:
     >>> path.read_bytes()
     b'whole'
     """
-    unfinished = path.with_name(f"{path.name}.part")
     require_room(path.parent, len(content) + BLOCK)
+    _replace(path, content)
+
+
+def _replace(path: Path, content: bytes) -> None:
+    unfinished = path.with_name(f"{path.name}.part")
     try:
         unfinished.write_bytes(content)
         unfinished.replace(path)

@@ -267,21 +267,16 @@ class Training:
 
     def make_evaluation(self, learned: Mapping[str, LearnedReward]) -> Evaluation:
         """What measures a policy that learned, or learns, with these rewards."""
-        rewards = {name: reward.transform for name, reward in learned.items()}
-        make_env = partial(self.make_env, rewards)
         demonstrators = {name: reward.demonstrator for name, reward in learned.items() if reward.demonstrator}
-        live = self._live(make_env(num_envs=1)) | {"make_env": make_env, "demonstrators": demonstrators}
+        live = self._live_after(learned) | {"demonstrators": demonstrators}
         del live["seed"]  # its own, for held-out episodes
-        return supply(self.evaluation, **live, scalarisation=self._scalarisation(live))
+        return supply(self.evaluation, **live)
 
     def make_refinement(self, learned: Mapping[str, LearnedReward]) -> PathwiseRefinement | None:
         """What refines a policy that learned with these rewards; ``None`` where the config has nothing."""
         if self.refinement is None:
             return None
-        make_env = partial(self.make_env, {name: reward.transform for name, reward in learned.items()})
-        live = self._live(make_env(num_envs=1)) | {"make_env": make_env}
-        live["progress_bar"] = setting(self.trainer, "progress_bar")
-        return supply(self.refinement, **live, scalarisation=self._scalarisation(live))
+        return supply(self.refinement, **self._live_after(learned), progress_bar=setting(self.trainer, "progress_bar"))
 
     def finish(self, trainer: Trainer, learned: Mapping[str, LearnedReward] | None = None) -> nn.Module:
         """The policy of a trainer that has finished: its averaged actor, refined where the config says so.
@@ -292,14 +287,15 @@ class Training:
         """
         policy = trainer.checkpoint.components["average"].module
         refinement = self.make_refinement(learned or {})
-        return (
-            policy
-            if refinement is None
-            else refinement(policy, trainer.loss_module.value_estimator.gamma, trainer.logger)
-        )
+        if refinement is None:
+            return policy
+        return refinement(policy, trainer.loss_module.value_estimator.gamma, trainer.logger)
 
-    def _scalarisation(self, live: Mapping[str, Any]) -> nn.Module:
-        return build(setting(self.loss, "scalarisation"), "loss.scalarisation", **live)
+    def _live_after(self, learned: Mapping[str, LearnedReward]) -> dict[str, Any]:
+        """For what drives a policy that learned with these rewards."""
+        make_env = partial(self.make_env, {name: reward.transform for name, reward in learned.items()})
+        live = self._live(make_env(num_envs=1)) | {"make_env": make_env}
+        return live | {"scalarisation": build(setting(self.loss, "scalarisation"), "loss.scalarisation", **live)}
 
     def make_logger(self, directory: Path) -> Logger | None:
         """The logger, which writes into ``directory/logs``."""

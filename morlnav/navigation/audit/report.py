@@ -70,12 +70,13 @@ def _report(audit: Audit) -> str:
     noise = audit.noise[["epsilon", "mean_reward", "baseline"]].map("{:.2f}".format)
     lines.append(markdown_table(("ε", "mean reward", "baseline return (normalised)"), noise.to_numpy()))
     if len(audit.plans):
-        head = "scene planned", "boxes", "ends", "Fréchet m", "min d_h m", "human on the"
+        head = "scene planned", "boxes", "ends", "Fréchet m", "min d_h m", "human on the", "earns", "target"
         plans = []
         for row in audit.plans.itertuples():
             side = "right" if row.human_on_right else "left"
             distances = f"{row.frechet:.2f}", f"{row.min_human_distance:.2f}"
-            plans.append((row.scene, row.boxes, row.outcome, *distances, side))
-        lines += ["", markdown_table(head, plans, ("--:", "--:", ":--", "--:", "--:", ":--"))]
+            earned = f"{row.earned:.0f}", f"{row.target_earned:.0f}"
+            plans.append((row.scene, row.boxes, row.outcome, *distances, side, *earned))
+        lines += ["", markdown_table(head, plans, ("--:", "--:", ":--", "--:", "--:", ":--", "--:"))]
     lines += ["", *[f"- {text}: {audit.facts[name]:.2f}" for name, text in FACTS.items()]]
     return "\n".join(lines)

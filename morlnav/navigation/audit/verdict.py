@@ -16,6 +16,7 @@ from morlnav.navigation.audit.noise import judge_noise, noisy_rollouts
 from morlnav.navigation.audit.planner import PathPlanner, PlannedPath
 from morlnav.navigation.envs import Transition
 from morlnav.navigation.evaluation.metrics import frechet_distance, winding
+from morlnav.navigation.evaluation.possible import path_returns
 from morlnav.navigation.evaluation.references import reference_paths, without_boxes
 from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import bootstrap_interval
@@ -67,7 +68,8 @@ class Audit:
         calibration: a row per bin of the predicted probability that the first of two snippets has less noise:
             ``predicted``, ``empirical`` and ``pairs``.
         plans: a row per planned scene: ``scene``, ``boxes`` (their number), ``outcome``, ``frechet``,
-            ``min_human_distance`` and ``human_on_right``, the last two also of the target (``target_…``).
+            ``min_human_distance``, ``human_on_right`` and what the demonstration reward pays for the path, driven at full
+            speed, ``earned``; the last three also of the target (``target_…``).
         planned: the planned paths themselves, with the target's paths in ``references``.
         facts: ``target_rank``, ``target_reward``, ``idle_margin``, ``worst_margin``, and over noisy roll-outs
             ``noise_correlation``, ``return_spearman``, ``return_kendall`` (``Σ c_d·(R̂ + b_d)`` and true baseline
@@ -188,6 +190,12 @@ def audit_reward(
         **facts,
     }
     table = _plan_table(chosen, planned, references)
+    for column, paths in {"earned": [plan.path for plan in planned], "target_earned": references}.items():
+        worth = [
+            path_returns([path], plan.scene.unsqueeze(0), {"demo": paid}, world).item()
+            for path, plan in zip(paths, planned, strict=True)
+        ]
+        table[column] = pd.Series(worth, dtype=float)
     reasons = _reasons(others, facts, table, thresholds)
     return Audit(behaviours, noise, calibration, table, facts, reasons, planned, references)
 

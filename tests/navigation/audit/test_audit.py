@@ -66,6 +66,8 @@ def test_the_plan_is_judged(audit):
     assert audit.plans[["boxes", "outcome", "human_on_right"]].values.tolist() == [[1, "goal", True], [0, "goal", True]]
     assert len(audit.planned) == len(audit.references) == 2
     assert audit.plans["frechet"].between(0.0, 0.45).all()
+    assert (audit.plans["earned"] >= audit.plans["target_earned"] - 10).all()  # but for the grid, an optimum
+    assert audit.plans["earned"].lt(0).all()
 
 
 def brief(reward, scenes, *names, **settings):

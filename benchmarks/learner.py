@@ -48,7 +48,7 @@ EXACT = "products=float32"
 
 def measure(effort: Effort) -> list[Row]:
     """Race all learners."""
-    frames = 1000 if effort.quick else 10_000
+    frames = 256 if effort.quick else 10_000
     cfg = recipe(effort, *SHAPES)  # with the angle term, guidance by a clone, search and afterstate
     shipped = recipe(effort, *SHAPES, *PLAIN)
     plain = recipe(effort, *SHAPES, *PLAIN, EXACT)

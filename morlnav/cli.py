@@ -24,8 +24,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torchrl.checkpoint import CheckpointError
 
-from morlnav.config import first_line, nearest
 from morlnav.files import is_full
+from morlnav.sentences import first_line, nearest
 
 MOST_THREADS = 1024
 """With a million, OpenMP ends the process without a word."""
@@ -92,12 +92,23 @@ def folder(word: str) -> Path:
     Traceback (most recent call last):
     argparse.ArgumentTypeError: .../cli.py is a file, and no folder for results.
     """
-    path = Path(word)
+    try:
+        return writable(Path(word))
+    except OSError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def writable(path: Path) -> Path:
+    """A folder for results, before any work is done for them; it need not be there yet.
+
+    Raises:
+        OSError: if nothing could be written there.
+    """
     there = next((place for place in (path, *path.absolute().parents) if place.exists()), path)
     if not there.is_dir():
-        raise argparse.ArgumentTypeError(f"{there} is a file, and no folder for results.")
+        raise NotADirectoryError(f"{there} is a file, and no folder for results.")
     if not os.access(there, os.W_OK):
-        raise argparse.ArgumentTypeError(f"{there} may not be written to; name another folder for results.")
+        raise PermissionError(f"{there} may not be written to; name another folder for results.")
     return path
 
 

@@ -23,11 +23,12 @@ from torchrl.envs import Compose, EnvBase, RewardScaling, Transform, Transformed
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
-from morlnav.config import Part, as_part, build, check, first_line, setting, supply, takes
+from morlnav.config import Part, as_part, build, check, setting, supply, takes
 from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
 from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
+from morlnav.sentences import first_line
 from morlnav.trainers.collectors import RolloutState, make_collector, num_workers, share_of
 from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward

@@ -158,6 +158,8 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
     except ConfigCompositionException as error:
         if key := re.search(r"Could not override '(.+?)'", str(error)):
             sys.exit(_unknown_key(key[1]))
+        if several := re.match(r"Ambiguous value for argument '(.+)'", str(error)):
+            sys.exit(f"{several[1]} names several values; morlnav-train -m trains with each, and quotes make them one.")
         mixed = re.search(r"Error merging override [+]*(.+?)=(.*)", str(error))
         sys.exit(f"{mixed[1]} cannot become {mixed[2]}; --cfg job shows what it is." if mixed else first_line(error))
     except (
@@ -218,6 +220,9 @@ def refuse_choices(words: Sequence[str]) -> None:
     >>> refuse_choices(["brief=long"])
     Traceback (most recent call last):
     ValueError: brief follows trainer and env; choose them instead.
+    >>> refuse_choices(["env=[own,navigation]"])
+    Traceback (most recent call last):
+    ValueError: env is one of mo_gymnasium, navigation, own, and not several.
     >>> refuse_choices(["env.objectives={}"])
     Traceback (most recent call last):
     ValueError: env.objectives={} would change nothing; ~env.objectives.NAME leaves out what is in it.
@@ -226,6 +231,8 @@ def refuse_choices(words: Sequence[str]) -> None:
         if word.key_or_group == "brief":
             raise ValueError("brief follows trainer and env; choose them instead.")
         choices, key = word.value(), word.key_or_group
+        if key in ("env", "trainer") and isinstance(choices, list):
+            raise ValueError(f"{key} is one of {', '.join(_choices(key))}, and not several.")
         if choices == {} and not word.is_add():  # Hydra merges mappings
             raise ValueError(f"{key}={{}} would change nothing; ~{key}.NAME leaves out what is in it.")
         for choice in choices if isinstance(choices, list) and _choices(key) else []:

@@ -19,7 +19,7 @@ from morlnav.navigation.audit.noise import noisy_rollouts
 from morlnav.navigation.envs import GoalProgress, NavigationEnv
 from morlnav.navigation.evaluation import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import bootstrap_interval
-from morlnav.navigation.record.plots import plot_studies
+from morlnav.navigation.record.studies_plot import plot_studies
 from morlnav.navigation.world import Scene
 from morlnav.runs import make_training
 from morlnav.trainers import Training, live_objects
@@ -137,6 +137,8 @@ def main() -> None:
     args = parser.parse_intermixed_args()
     if args.hold is not None and args.study != "noise":
         parser.error("--hold belongs to noise")
+    if args.hold is not None and args.hold < 1:
+        parser.error(f"--hold must be at least 1, got {args.hold}")
     with one_sentence_errors():
         cfg = composed(args.overrides)
         if cfg.resume is not None or cfg.trust:

@@ -254,7 +254,10 @@ class Training:
             share_of(num_workers(self.collector), self.base_env().batch_size.numel())
             frames = setting(self.collector, "frames_per_batch")
             brief.collector = partial(Collector, backend="direct", frames_per_batch=frames)
-        self.make_refinement(learned)
+        if (refinement := self.make_refinement(learned)) is not None:  # what learns last of all
+            optimizer = supply(refinement.optimizer, params=[nn.Parameter(torch.zeros(1))])
+            if refinement.schedule is not None:
+                supply(refinement.schedule, optimizer=optimizer, total_steps=max(1, refinement.drives))
         trainer = brief.make_trainer(directory, learned)
         loss, batch = trainer.loss_module, next(iter(trainer.collector)).flatten()
         try:

@@ -23,6 +23,7 @@ from hydra.errors import ConfigCompositionException, HydraException, Instantiati
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torchrl.checkpoint import CheckpointError
+from yaml import MarkedYAMLError
 
 from morlnav.files import is_full
 from morlnav.sentences import first_line, nearest
@@ -153,6 +154,9 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
         sys.exit("Interrupted.")
     except InstantiationException as error:
         sys.exit(first_line(error.__cause__ or error))
+    except MarkedYAMLError as error:
+        where = error.problem_mark or error.context_mark
+        sys.exit(f"{where.name} is no YAML: {error.problem} in line {where.line + 1}.")
     except MissingConfigException as error:
         sys.exit(_unknown_choice(str(error.missing_cfg_file), error.options))
     except ConfigCompositionException as error:
@@ -240,6 +244,22 @@ def refuse_choices(words: Sequence[str]) -> None:
                 raise ValueError(f"{key} names {choice}; {nearest(str(choice), _choices(key))}")
             if choices.count(choice) > 1:
                 raise ValueError(f"{key} names {choice} twice.")
+
+
+def refuse_misplaced(words: Sequence[str], sweep: bool) -> None:
+    """Refuse settings of Hydra that it would ignore: a sweep's for one run, and the directory of one run for a sweep.
+
+    >>> refuse_misplaced(["hydra.sweep.dir=here"], sweep=False)
+    Traceback (most recent call last):
+    ValueError: hydra.sweep.dir=here is about sweeps; add -m.
+    >>> refuse_misplaced(["hydra.run.dir=here"], sweep=True)
+    Traceback (most recent call last):
+    ValueError: hydra.run.dir=here is about a single run; a sweep takes hydra.sweep.dir.
+    """
+    for word in (word for word in words if not sweep and re.match(r"[+~]*hydra[./](sweep|launcher)", word)):
+        raise ValueError(f"{word} is about sweeps; add -m.")
+    for word in (word for word in words if sweep and word.startswith("hydra.run.dir=")):
+        raise ValueError(f"{word} is about a single run; a sweep takes hydra.sweep.dir.")
 
 
 def _unknown_key(key: str) -> str:

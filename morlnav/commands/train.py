@@ -33,6 +33,7 @@ from morlnav.cli import (
     one_sentence_errors,
     quiet,
     refuse_choices,
+    refuse_misplaced,
     set_threads,
 )
 from morlnav.config import check, plain, setting
@@ -237,8 +238,9 @@ def main() -> None:
 
 
 def _run_words() -> None:
-    words = get_args_parser().parse_intermixed_args().overrides
-    refuse_choices([word for word in words if not word.startswith("resume=")])
+    args = get_args_parser().parse_intermixed_args()
+    refuse_choices([word for word in args.overrides if not word.startswith("resume=")])
+    refuse_misplaced(args.overrides, args.multirun or "hydra.mode=MULTIRUN" in args.overrides)
     words, own_classes = resumed_words(sys.argv[1:])
     sys.argv[1:] = options_first(words)
     if own_classes:

@@ -315,6 +315,12 @@ def test_what_is_wrong_ends_in_one_sentence_that_names_it(words, said, smoke, tm
         (["env.objectives={}"], "env.objectives={} would change nothing"),
         (["+trainer.totl_frames=5"], "did you mean total_frames?"),
         (["seed=0,1"], "seed=0,1 names several values; morlnav-train -m trains with each"),
+        (["trainer=[smoke,paper]"], "trainer is one of default, paper, smoke, and not several."),
+        (["hydra/sweeper=optuna"], "hydra/sweeper=optuna is about sweeps; add -m."),
+        (["hydra.sweep.dir=here"], "hydra.sweep.dir=here is about sweeps; add -m."),
+        (["-m", "hydra.run.dir=here"], "hydra.run.dir=here is about a single run; a sweep takes hydra.sweep.dir."),
+        (["-m", "seed=0,1", "trainer=smoke,fast"], "There is no trainer/fast; choose from: default, paper, smoke."),
+        (["-m", "seed=0,1", "foo=3"], "There is no foo in the config"),
         (["-m", "seed=0,-1", "threads=0"], "threads must be from 1 to 1024, got 0"),
     ],
 )
@@ -323,6 +329,51 @@ def test_the_command_line_refuses_it_too(words, said, train_command, tmp_path):
         train_command(*SMOKE, *words)
     assert said in refused.value.code
     assert not list(tmp_path.iterdir()), "nothing is written"
+
+
+FILES = {
+    "preferences/mine": "_target_: morlnav.data.CornerWeightedPreferences\ncorners: 0.5\n",
+    "experiment/typo": "# @package _global_\ntrainer: {totl_frames: 3}\n",
+    "experiment/deep": "# @package _global_\nloss: {terms: {angle: {actr: 0.1}}}\n",
+    "experiment/broken": "# @package _global_\nloss: {terms: [\n",
+    "experiment/nowhere": "trainer: {total_frames: 3}\n",
+    "experiment/list": "- 1\n- 2\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        (
+            "preferences=mine",
+            "preferences.corners is no argument of morlnav.data.CornerWeightedPreferences; did you mean corner?",
+        ),
+        ("preferences=mien", "There is no preferences/mien; did you mean mine?"),
+        (
+            "+experiment=typo",
+            "trainer.totl_frames is no argument of morlnav.trainers.MORLTrainer; did you mean total_frames?",
+        ),
+        (
+            "+experiment=deep",
+            "loss.terms.angle.actr is no argument of morlnav.objectives.AngleTerm; did you mean actor?",
+        ),
+        (
+            "+experiment=broken",
+            "experiment/broken.yaml is no YAML: expected the node content, but found '<stream end>' in line 3.",
+        ),
+        ("+experiment=nowhere", "experiment is no argument of morlnav.trainers.Training"),
+        ("+experiment=list", "experiment is no argument of morlnav.trainers.Training"),
+        ("+experiment=nosuch", "There is no experiment/nosuch"),
+    ],
+)
+def test_a_file_of_the_users_own_is_refused_too(word, said, train_command, tmp_path):
+    for name, text in FILES.items():
+        (tmp_path / "mine" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "mine" / f"{name}.yaml").write_text(text)
+    with pytest.raises(SystemExit) as refused:
+        train_command(*SMOKE, "objectives=[baseline,distance]", word, "--config-dir", "mine")
+    assert said in refused.value.code
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"], "nothing is written"
 
 
 OWN = """

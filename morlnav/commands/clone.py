@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -27,6 +28,11 @@ from morlnav.trainers.stages import Driver
 
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000)
+OF_NO_CLONE = re.compile(
+    r"[+~]*(actor|critic|loss|stepper|exploration|replay|collector|hooks|logger|refinement|preferences|products|compile"
+    r"|trainer\.(?!progress_bar)|evaluation\.(?!seed))"
+)
+"""Keys of a training that begins when the clone is there."""
 
 
 class Studies:
@@ -143,9 +149,12 @@ def main() -> None:
         cfg = composed(args.overrides)
         if cfg.resume is not None or cfg.trust:
             raise ValueError("resume and trust belong to morlnav-train; morlnav-clone begins anew.")
+        training = make_training(cfg)
+        if other := [word for word in args.overrides if OF_NO_CLONE.match(word)]:
+            raise ValueError(f"{other[0]} changes no clone, which is there before a policy is trained.")
         check(cfg.threads, "threads", kind=int)
         set_threads(cfg.threads)
-        studies = Studies(make_training(cfg), args.episodes)
+        studies = Studies(training, args.episodes)
         table = studies.noise(hold=1 if args.hold is None else args.hold) if args.study == "noise" else studies.number()
         args.output.mkdir(parents=True, exist_ok=True)
         table.to_csv(args.output / f"{args.study}.csv", index=False)

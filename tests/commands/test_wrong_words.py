@@ -165,6 +165,10 @@ noise +foo=1                             | foo is no argument
 noise resume=RUN                         | resume and trust belong to morlnav-train
 noise trust=true                         | resume and trust belong to morlnav-train
 noise actor                              | actor
+noise evaluation.episodes=3              | evaluation.episodes=3 changes no clone
+noise trainer.total_frames=512           | trainer.total_frames=512 changes no clone
+noise refinement.drives=3                | refinement.drives=3 changes no clone
+noise preferences=uniform                | preferences=uniform changes no clone
 noise =3                                 | =3
 noise --epsiodes 3                       | unrecognized arguments: --epsiodes
 """
@@ -204,6 +208,9 @@ new --import                             | argument --import: expected
 new --seed x                             | argument --seed: invalid int value
 new --seed -1                            | --seed must not be negative
 new --size 10 10                         | at least
+new --import drive.csv --seed 3          | --seed and --size are about driving by hand
+new --import drive.csv --size 300 300    | --seed and --size are about driving by hand
+full --import drive.csv                  | full holds no demonstrations
 new --size 1000                          | argument --size: expected 2 arguments
 new --size a b                           | argument --size: invalid int value
 new env=nosuch                           | There is no env/nosuch

@@ -26,12 +26,12 @@ from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, 
 from morlnav.config import Part, as_part, build, check, setting, supply, takes
 from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
-from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
 from morlnav.sentences import first_line
 from morlnav.trainers.collectors import RolloutState, make_collector, num_workers, share_of
 from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
+from morlnav.trainers.haste import hasten, product_dtype
 from morlnav.trainers.hooks import StepExploration
 from morlnav.trainers.live import live_objects, side_by_side
 from morlnav.trainers.refinement import PathwiseRefinement
@@ -341,11 +341,7 @@ class Training:
                 if clone is not None
             },
         )
-        dtype = product_dtype(self.products, torch.device(self.device))
-        for module in (loss.actor_network, loss.qvalue_network, loss.terms):  # a loss hides networks from modules()
-            round_products(module, dtype)
-        if self.compile is not None:
-            _compile(loss, self.compile)
+        hasten(loss, product_dtype(self.products, torch.device(self.device)), self.compile)
         return loss.to(self.device)
 
     def _make_exploration(self, live: Mapping[str, Any], batches: int) -> nn.Module:
@@ -376,25 +372,3 @@ def _as_learned(reward: Tensor, replay: ReplayBuffer) -> Tensor:
         if isinstance(transform, RewardScaling) and ("next", "reward") in transform.in_keys:
             reward = transform.scale * reward + transform.loc
     return reward
-
-
-def product_dtype(name: str, device: torch.device) -> torch.dtype:
-    """The type in which hidden layers multiply while learning: ``auto`` is bfloat16 where ``device`` is made for it.
-
-    >>> product_dtype("float32", torch.device("cpu"))
-    torch.float32
-    """
-    if name != "auto":
-        return getattr(torch, name)
-    capabilities = getattr(torch.cpu, "get_capabilities", dict)()
-    fast = torch.cuda.is_bf16_supported() if device.type == "cuda" else capabilities.get("avx512_bf16", False)
-    return torch.bfloat16 if fast else torch.float32
-
-
-def _compile(loss: MORLTD3Loss, arguments: Mapping[str, Any]) -> None:
-    try:
-        for method in ("value_loss", "actor_loss"):
-            setattr(loss, method, torch.compile(getattr(loss, method), **arguments))
-    except (TypeError, RuntimeError) as error:
-        message = f"compile must be null or arguments of torch.compile, as {{mode: default}}, got {dict(arguments)}."
-        raise ValueError(message) from error

@@ -185,7 +185,7 @@ logger._target_=torch.nn.Linear                     | logger._target_ must make 
 rewards._target_=torch.nn.Linear                    | rewards._target_ must make a DREX
 rewards.demonstrations.demo._target_=torch.nn.GELU  | rewards.demonstrations.demo._target_ must make a Demonstrations
 refinement._target_=morlnav.trainers.Fit            | refinement._target_ must make a PathwiseRefinement, but morlnav.trainers.Fit makes a Fit
-refinement.optimizer._target_=torch.optim.Adma      | did you mean torch.optim.Adam?
+refinement.optimizer._target_=torch.optim.Adma      | refinement.optimizer._target_: there is no torch.optim.Adma
 """
 
 KINDS = """

@@ -30,7 +30,7 @@ TURNS = 10  # of a process per call
 
 def measure(effort: Effort) -> list[Row]:
     """Measure every size after the other."""
-    frames = 1000 if effort.quick else 10_000
+    frames = 256 if effort.quick else 10_000
     rows = []
     for count in OBJECTIVES[:2] if effort.quick else OBJECTIVES:
         cfg = with_objectives(recipe(effort, ANALYTICAL, *SHAPES, *PLAIN, EXACT), count)

@@ -17,7 +17,7 @@ from benchmarks.peers.pd_morl import PDMORL
 from benchmarks.recipes import Networks, filled_trainer, networks, recipe
 from benchmarks.timing import Contender, Effort, Row, race
 from morlnav.navigation.envs import ENV_ID, Efficiency, default_objectives
-from morlnav.trainers.training import product_dtype
+from morlnav.trainers.haste import product_dtype
 
 TITLE = "Learner: updates with batches of 256, networks of 4×256, 4 objectives, 34 observed numbers"
 NOTES = """Unit: updates, of both critics each time and of the actor every second time (CAPQL: every time, PD-MORL:
@@ -48,7 +48,7 @@ EXACT = "products=float32"
 
 def measure(effort: Effort) -> list[Row]:
     """Race all learners."""
-    frames = 1000 if effort.quick else 10_000
+    frames = 256 if effort.quick else 10_000
     cfg = recipe(effort, *SHAPES)  # with the angle term, guidance by a clone, search and afterstate
     shipped = recipe(effort, *SHAPES, *PLAIN)
     plain = recipe(effort, *SHAPES, *PLAIN, EXACT)

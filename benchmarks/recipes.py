@@ -42,7 +42,7 @@ HARDLY_TRAINED = (
 
 QUICK = (
     ANALYTICAL,
-    *("actor.num_cells=32", "critic.num_cells=32", "replay.storage.max_size=4096"),
+    *("actor.num_cells=32", "critic.num_cells=32", "replay.storage.max_size=4096", "replay.batch_size=32"),
     *("env.num_envs=16", "collector.frames_per_batch=16", "trainer.optim_steps_per_batch=2"),
 )
 

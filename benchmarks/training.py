@@ -29,12 +29,13 @@ RECIPES = {"morlnav, default recipe": (), "the paper's literal recipe": ("recipe
 
 def measure(effort: Effort) -> list[Row]:
     """Race the recipes, and CAPQL."""
+    frames = 256 if effort.quick else 1000
     configs = {name: recipe(effort, *overrides) for name, overrides in RECIPES.items()}
     ratios = {name: cfg.trainer.optim_steps_per_batch / cfg.collector.frames_per_batch for name, cfg in configs.items()}
     contenders = [
         Contender(
             name,
-            partial(training, cfg),
+            partial(training, cfg, frames),
             cfg.collector.frames_per_batch,
             f"{cfg.env.num_envs} environments, updates per step: {ratios[name]:g}",
         )
@@ -49,12 +50,14 @@ def measure(effort: Effort) -> list[Row]:
         replace(row, case="updates", unit="updates/s", values=[ratios[row.name] * rate for rate in row.values])
         for row in rows
     ]
-    return rows + _beside_a_busy_process(configs["morlnav, default recipe"], effort) if effort.device == "cpu" else rows
+    if effort.device == "cpu":
+        rows += _beside_a_busy_process(configs["morlnav, default recipe"], frames, effort)
+    return rows
 
 
-def _beside_a_busy_process(cfg: DictConfig, effort: Effort) -> list[Row]:
+def _beside_a_busy_process(cfg: DictConfig, filled: int, effort: Effort) -> list[Row]:
     def with_threads(number: int) -> Callable[[], object]:
-        step = training(cfg)
+        step = training(cfg, filled)
 
         def run() -> None:
             torch.set_num_threads(number)
@@ -73,9 +76,9 @@ def _beside_a_busy_process(cfg: DictConfig, effort: Effort) -> list[Row]:
             torch.set_num_threads(threads)
 
 
-def training(cfg: DictConfig) -> Callable[[], object]:
+def training(cfg: DictConfig, frames: int) -> Callable[[], object]:
     """One pass of the trainer's loop: a batch of environment steps, and the updates that follow it."""
-    trainer, batches = filled_trainer(cfg, frames=1000)
+    trainer, batches = filled_trainer(cfg, frames)
 
     def step() -> None:
         batch = trainer._process_batch_hook(next(batches))

@@ -23,9 +23,10 @@ from hydra.errors import ConfigCompositionException, HydraException, Instantiati
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from torchrl.checkpoint import CheckpointError
+from yaml import MarkedYAMLError
 
-from morlnav.config import first_line, nearest
 from morlnav.files import is_full
+from morlnav.sentences import first_line, nearest
 
 MOST_THREADS = 1024
 """With a million, OpenMP ends the process without a word."""
@@ -92,12 +93,23 @@ def folder(word: str) -> Path:
     Traceback (most recent call last):
     argparse.ArgumentTypeError: .../cli.py is a file, and no folder for results.
     """
-    path = Path(word)
+    try:
+        return writable(Path(word))
+    except OSError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def writable(path: Path) -> Path:
+    """A folder for results, before any work is done for them; it need not be there yet.
+
+    Raises:
+        OSError: if nothing could be written there.
+    """
     there = next((place for place in (path, *path.absolute().parents) if place.exists()), path)
     if not there.is_dir():
-        raise argparse.ArgumentTypeError(f"{there} is a file, and no folder for results.")
+        raise NotADirectoryError(f"{there} is a file, and no folder for results.")
     if not os.access(there, os.W_OK):
-        raise argparse.ArgumentTypeError(f"{there} may not be written to; name another folder for results.")
+        raise PermissionError(f"{there} may not be written to; name another folder for results.")
     return path
 
 
@@ -142,11 +154,16 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
         sys.exit("Interrupted.")
     except InstantiationException as error:
         sys.exit(first_line(error.__cause__ or error))
+    except MarkedYAMLError as error:
+        where = error.problem_mark or error.context_mark
+        sys.exit(f"{where.name} is no YAML: {error.problem} in line {where.line + 1}.")
     except MissingConfigException as error:
         sys.exit(_unknown_choice(str(error.missing_cfg_file), error.options))
     except ConfigCompositionException as error:
         if key := re.search(r"Could not override '(.+?)'", str(error)):
             sys.exit(_unknown_key(key[1]))
+        if several := re.match(r"Ambiguous value for argument '(.+)'", str(error)):
+            sys.exit(f"{several[1]} names several values; morlnav-train -m trains with each, and quotes make them one.")
         mixed = re.search(r"Error merging override [+]*(.+?)=(.*)", str(error))
         sys.exit(f"{mixed[1]} cannot become {mixed[2]}; --cfg job shows what it is." if mixed else first_line(error))
     except (
@@ -207,6 +224,9 @@ def refuse_choices(words: Sequence[str]) -> None:
     >>> refuse_choices(["brief=long"])
     Traceback (most recent call last):
     ValueError: brief follows trainer and env; choose them instead.
+    >>> refuse_choices(["env=[own,navigation]"])
+    Traceback (most recent call last):
+    ValueError: env is one of mo_gymnasium, navigation, own, and not several.
     >>> refuse_choices(["env.objectives={}"])
     Traceback (most recent call last):
     ValueError: env.objectives={} would change nothing; ~env.objectives.NAME leaves out what is in it.
@@ -215,6 +235,8 @@ def refuse_choices(words: Sequence[str]) -> None:
         if word.key_or_group == "brief":
             raise ValueError("brief follows trainer and env; choose them instead.")
         choices, key = word.value(), word.key_or_group
+        if key in ("env", "trainer") and isinstance(choices, list):
+            raise ValueError(f"{key} is one of {', '.join(_choices(key))}, and not several.")
         if choices == {} and not word.is_add():  # Hydra merges mappings
             raise ValueError(f"{key}={{}} would change nothing; ~{key}.NAME leaves out what is in it.")
         for choice in choices if isinstance(choices, list) and _choices(key) else []:
@@ -222,6 +244,22 @@ def refuse_choices(words: Sequence[str]) -> None:
                 raise ValueError(f"{key} names {choice}; {nearest(str(choice), _choices(key))}")
             if choices.count(choice) > 1:
                 raise ValueError(f"{key} names {choice} twice.")
+
+
+def refuse_misplaced(words: Sequence[str], sweep: bool) -> None:
+    """Refuse settings of Hydra that it would ignore: a sweep's for one run, and the directory of one run for a sweep.
+
+    >>> refuse_misplaced(["hydra.sweep.dir=here"], sweep=False)
+    Traceback (most recent call last):
+    ValueError: hydra.sweep.dir=here is about sweeps; add -m.
+    >>> refuse_misplaced(["hydra.run.dir=here"], sweep=True)
+    Traceback (most recent call last):
+    ValueError: hydra.run.dir=here is about a single run; a sweep takes hydra.sweep.dir.
+    """
+    for word in (word for word in words if not sweep and re.match(r"[+~]*hydra[./](sweep|launcher)", word)):
+        raise ValueError(f"{word} is about sweeps; add -m.")
+    for word in (word for word in words if sweep and word.startswith("hydra.run.dir=")):
+        raise ValueError(f"{word} is about a single run; a sweep takes hydra.sweep.dir.")
 
 
 def _unknown_key(key: str) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import difflib
 import functools
 import importlib
-import inspect
 import math
 import re
 import typing
@@ -21,6 +20,8 @@ from omegaconf import OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from morlnav.annotations import describe, fits, held_by, is_kind, makes, members, with_article
+from morlnav.sentences import causes, first_line, nearest
+from morlnav.signature import Signature
 
 T = TypeVar("T")
 SPECIAL = ("_target_", "_partial_", "_convert_", "_recursive_")
@@ -96,7 +97,7 @@ def takes(part: Part | Callable[..., Any]) -> list[str]:
     >>> takes(Part({"_target_": "torch.nn.Identity"}, "features")), takes(lambda a, b: a)
     ([], ['a', 'b'])
     """
-    return list(_Signature.of(part).parameters)
+    return list(_signature(part).parameters)
 
 
 def setting(part: Part | Callable[..., Any], name: str) -> Any:
@@ -112,7 +113,7 @@ def setting(part: Part | Callable[..., Any], name: str) -> Any:
     given = part.node if isinstance(part, Part) else getattr(part, "keywords", {})
     if name in given:
         return given[name]
-    parameter = _Signature.of(part).parameters.get(name)
+    parameter = _signature(part).parameters.get(name)
     if parameter is None or parameter.default is parameter.empty:
         raise ConfigError(f"{_join(part.where, name) if isinstance(part, Part) else name} is missing.")
     return parameter.default
@@ -139,7 +140,7 @@ def classes(part: Part | Callable[..., Any]) -> list[str]:
     """
     if isinstance(part, Part):
         of_children = [classes(Part(child, part.where)) for child in part.node.values() if _is_node(child)]
-        return [*classes(_Signature.of(part).target), *(name for names in of_children for name in names)]
+        return [*classes(_signature(part).target), *(name for names in of_children for name in names)]
     target = getattr(part, "func", part)
     return [f"{target.__module__}.{target.__qualname__}"]
 
@@ -197,16 +198,6 @@ def check(node: Any, where: str = "", live: Collection[str] = (), kind: Any = An
     _Walk(live, {} if where else node, call=False)(node, where, kind)
 
 
-def nearest(name: str, names: Collection[str]) -> str:
-    """What may have been meant by a name that is none of ``names``.
-
-    >>> nearest("totl_frames", ["total_frames", "seed"]), nearest("foo", ["a", "b"])
-    ('did you mean total_frames?', 'choose from: a, b.')
-    """
-    close = difflib.get_close_matches(name, names, 1)
-    return f"did you mean {close[0]}?" if close else f"choose from: {', '.join(names) or 'nothing'}."
-
-
 class _Walk:
     """Goes through a config beside the annotations that say what becomes of each value.
 
@@ -241,12 +232,12 @@ class _Walk:
         if lazy:
             _Walk(_EVERYTHING, self.root, call=False)(node, where, (*typing.get_args(lazy[0]), Any)[0])
             return Part(node, where)
-        part, partial = _Signature.of(Part(node, where)), bool(node.get("_partial_"))
+        part, partial = _signature(Part(node, where)), bool(node.get("_partial_"))
         if not partial and (made := makes(part.target, part.hints.get("return"), hint)):
             raise ConfigError(
                 f"{_join(where, '_target_')} must make {describe(hint)}, but {part.name} makes {with_article(made)}."
             )
-        given = {name: self(value, _join(where, name), part.hint(name, where, self.root))
+        given = {name: self(value, _join(where, name), self._hint(part, name, where))
                  for name, value in node.items() if name not in SPECIAL}  # fmt: skip
         missing = [name for name in part.required if name not in given and name not in self.live]
         if missing and not partial:
@@ -254,67 +245,45 @@ class _Walk:
         if not self.call:
             return None
         given |= {name: self.live[name] for name in part.parameters if name in self.live and name not in given}
-        call = functools.partial(part.call, where, **given)
+        call = functools.partial(_call, part, where, **given)
         return call if partial else call()
 
+    def _hint(self, part: Signature, name: str, where: str) -> Any:
+        """What an argument asks for; unknown ones are refused."""
+        if name in part.parameters or part.open:
+            return part.hints.get(name, Any)
+        meant = f"did you mean {name} at the root?" if where and name in self.root else nearest(name, part.parameters)
+        raise ConfigError(f"{_join(where, name)} is no argument of {part.name}; {meant}")
 
-class _Signature:
-    """What a target takes. One that passes ``**settings`` on to its base takes what the base takes."""
 
-    def __init__(self, name: str, target: Callable[..., Any]) -> None:
-        self.name, self.target, self.open = name, target, True
-        self.parameters: dict[str, inspect.Parameter] = {}
-        self.hints: dict[str, Any] = {}
-        own = [vars(cls)["__init__"] for cls in getattr(target, "__mro__", ()) if "__init__" in vars(cls)]
-        for callee in own if inspect.isclass(target) else [target]:
-            if self.open:
-                self._add(callee, skip=inspect.isclass(target))
-        self.required = [name for name, p in self.parameters.items() if p.default is p.empty]
+def _signature(part: Part | Callable[..., Any]) -> Signature:
+    """What a part takes; a target that cannot be had is refused."""
+    if not isinstance(part, Part):
+        return Signature(part)
+    name, key = part.node["_target_"], _join(part.where, "_target_")
+    if not isinstance(name, str):
+        raise ConfigError(f"{key} must be the name of a class or function, got {_shown(name)}.")
+    try:
+        target = get_object(name)
+    except Exception as error:
+        raise ConfigError(f"{key}: there is no {name} ({first_line(causes(error)[-1])}){_beside(name)}") from error
+    if not callable(target):
+        raise ConfigError(f"{key}: {name} is a {type(target).__name__}, which cannot be called.")
+    return Signature(target, name)
 
-    def _add(self, callee: Callable[..., Any], skip: bool) -> None:
-        if callee is object.__init__:
-            return
-        parameters, hints = list(inspect.signature(callee).parameters.values())[skip:], _hints(callee)
-        self.open = any(p.kind is p.VAR_KEYWORD for p in parameters)
-        for p in parameters:
-            if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL) and p.name not in self.parameters:
-                hint = hints.get(p.name, Any)
-                self.parameters[p.name], self.hints[p.name] = p, hint | None if p.default is None else hint
-        self.hints.setdefault("return", hints.get("return", Any))
 
-    @classmethod
-    def of(cls, part: Part | Callable[..., Any]) -> _Signature:
-        if not isinstance(part, Part):
-            return cls(getattr(part, "__qualname__", repr(part)), part)
-        name, key = part.node["_target_"], _join(part.where, "_target_")
-        if not isinstance(name, str):
-            raise ConfigError(f"{key} must be the name of a class or function, got {_shown(name)}.")
-        try:
-            target = get_object(name)
-        except Exception as error:
-            raise ConfigError(f"{key}: there is no {name} ({first_line(causes(error)[-1])}){_beside(name)}") from error
-        if not callable(target):
-            raise ConfigError(f"{key}: {name} is a {type(target).__name__}, which cannot be called.")
-        return cls(name, target)
-
-    def hint(self, name: str, where: str, root: Mapping[str, Any]) -> Any:
-        """What the argument ``name`` asks for; unknown ones are refused."""
-        if name in self.parameters or self.open:
-            return self.hints.get(name, Any)
-        meant = f"did you mean {name} at the root?" if where and name in root else nearest(name, self.parameters)
-        raise ConfigError(f"{_join(where, name)} is no argument of {self.name}; {meant}")
-
-    def call(self, where: str, /, *args: Any, **arguments: Any) -> Any:
-        try:
-            return self.target(*args, **arguments)
-        except (ConfigError, OSError):  # say where already
-            raise
-        except Exception as error:
-            message = first_line(error)
-            if not isinstance(error, TypeError | ValueError):
-                message = f"{type(error).__name__}: {message}"
-            separator = "." if re.split(r"[^\w]", message)[0] in self.parameters else ": "
-            raise ConfigError(f"{where}{separator}{message}" if where else message) from error
+def _call(signature: Signature, where: str, /, *args: Any, **arguments: Any) -> Any:
+    """Call a target; what it refuses is said with the key."""
+    try:
+        return signature.target(*args, **arguments)
+    except (ConfigError, OSError):  # say where already
+        raise
+    except Exception as error:
+        message = first_line(error)
+        if not isinstance(error, TypeError | ValueError):
+            message = f"{type(error).__name__}: {message}"
+        separator = "." if re.split(r"[^\w]", message)[0] in signature.parameters else ": "
+        raise ConfigError(f"{where}{separator}{message}" if where else message) from error
 
 
 class _Everything:
@@ -325,19 +294,6 @@ class _Everything:
 
 
 _EVERYTHING: Any = _Everything()
-
-
-def _hints(callee: Callable[..., Any]) -> dict[str, Any]:
-    try:
-        return typing.get_type_hints(callee)
-    except Exception:  # some of the names are there for type checkers alone
-        scope, found = getattr(inspect.unwrap(callee), "__globals__", {}), {}
-        for name, annotation in getattr(callee, "__annotations__", {}).items():
-            try:
-                found[name] = eval(annotation, scope) if isinstance(annotation, str) else annotation
-            except Exception:
-                found[name] = Any
-        return found
 
 
 def _beside(name: str) -> str:
@@ -373,23 +329,3 @@ def _shown(value: Any) -> str:
     if isinstance(value, dict):
         return f"the node of {value['_target_']}" if _is_node(value) else "a mapping without _target_"
     return repr(value)
-
-
-def causes(error: BaseException) -> list[BaseException]:
-    """An error and all that it was raised from, the first of them last.
-
-    >>> error = ValueError("actor: no such file")
-    >>> error.__cause__ = OSError("no such file")
-    >>> causes(error)
-    [ValueError('actor: no such file'), OSError('no such file')]
-    """
-    return [error, *(causes(error.__cause__) if error.__cause__ is not None else [])]
-
-
-def first_line(error: BaseException) -> str:
-    """What an error says, in one line; its kind where it says nothing.
-
-    >>> first_line(ValueError("Too long. \\n See below.")), first_line(KeyError())
-    ('Too long.', 'KeyError')
-    """
-    return next((line.strip() for line in str(error).splitlines() if line.strip()), type(error).__name__)

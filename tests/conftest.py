@@ -1,6 +1,7 @@
 """What several tests share: one thread, one run that is made once, and the command line."""
 
 import os
+import signal
 import sys
 
 import pytest
@@ -15,6 +16,16 @@ os.environ.setdefault("RAY_ENABLE_UV_RUN_RUNTIME_ENV", "0")  # as the command li
 @pytest.fixture(autouse=True)
 def _one_thread():
     torch.set_num_threads(1)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _signals_are_heard():
+    """A shell's background jobs ignore Ctrl-C, and nohup hang-ups; so would these tests, and what they start."""
+    heard = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in heard.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,8 @@ from morlnav.cli import conf_dir
 from morlnav.runs import make_training
 
 ANALYTICAL = "objectives=[baseline,distance,efficiency]"
+SINGLE = "objectives=[baseline,distance]"
+"""One style, of whose evaluation no figures are drawn: half the time of a whole run in seconds."""
 DEMONSTRATED = "objectives=[baseline,demo,distance,efficiency]"
 SMALL = (
     "trainer=smoke",

@@ -8,11 +8,18 @@ from morlnav.analysis import load_episodes, load_fronts, load_run, load_settings
 from morlnav.record.loggers import TensorboardCSVLogger
 
 
-def make_run(directory, values=(0.25, 0.5), evaluated=True, **config):
+def log(directory, values):
+    """Log ``(name, value, step)`` by a logger of their own, until TensorBoard's thread has written them."""
     logger = TensorboardCSVLogger("logs", directory)
-    for step, value in enumerate(values, start=1):
-        logger.log_scalar("train/success", value, step=10 * step)
-        logger.log_scalar("evaluation/navigation_time/distance=0.5,efficiency=0.5", 2 * value, step=10 * step)
+    for name, value, step in values:
+        logger.log_scalar(name, value, step=step)
+    logger.experiment[1].experiment.flush()
+
+
+def make_run(directory, values=(0.25, 0.5), evaluated=True, **config):
+    times = "evaluation/navigation_time/distance=0.5,efficiency=0.5"
+    steps = [(value, 10 * step) for step, value in enumerate(values, start=1)]
+    log(directory, [row for value, step in steps for row in (("train/success", value, step), (times, 2 * value, step))])
     OmegaConf.save(
         {"seed": 0, "resume": None, "loss": {"gamma": 0.9, "angles": {"none": None}}} | config,
         directory / "config.yaml",
@@ -45,14 +52,14 @@ def test_an_interrupted_run_has_logs_but_no_evaluation(tmp_path):
 
 def test_steps_that_a_resumed_run_repeats_count_once(tmp_path):
     directory = make_run(tmp_path / "first", values=(0.1, 0.2))
-    TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.9, step=20)
+    log(directory, [("train/success", 0.9, 20)])
     assert load_run(directory).query("metric == 'train/success'")["value"].tolist() == [0.1, 0.9]
 
 
 def test_events_of_tensorboard_stand_in_for_missing_csv_files(tmp_path):
     for seed in (0, 1):
         directory = make_run(tmp_path / f"{seed}", values=[(step + seed) / 7 for step in range(2000)], seed=seed)
-        TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.9, step=20)  # resumed: another file
+        log(directory, [("train/success", 0.9, 20)])  # resumed: another file
     from_csv = load_sweep(tmp_path)
     for seed in (0, 1):
         shutil.rmtree(tmp_path / f"{seed}" / "logs" / "scalars")
@@ -63,8 +70,8 @@ def test_events_of_tensorboard_stand_in_for_missing_csv_files(tmp_path):
 def test_of_files_of_one_second_the_later_counts_whatever_their_names(tmp_path):
     for run in range(6):  # TensorBoard numbers its files, and 10 stands before 9 in the alphabet
         directory = make_run(tmp_path / f"{run}", values=(0.1, 0.2))
-        TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.9, step=20)
-        TensorboardCSVLogger("logs", directory).log_scalar("train/success", 0.8, step=20)
+        log(directory, [("train/success", 0.9, 20)])
+        log(directory, [("train/success", 0.8, 20)])
         shutil.rmtree(directory / "logs" / "scalars")
         assert load_run(directory).query("metric == 'train/success'")["value"].tolist() == pytest.approx([0.1, 0.8])
 

@@ -48,7 +48,7 @@ def test_a_notebook_is_shipped_with_its_pictures_and_without_complaints(path):
 
 
 def test_the_quickstart_trains_a_policy_and_shows_it_driving(execute):
-    book = execute("01_quickstart", MORLNAV_FRAMES=256, MORLNAV_SCENES=2)
+    book = execute("01_quickstart", MORLNAV_FRAMES=256, MORLNAV_DRIVES=1, MORLNAV_SCENES=2)
     assert "22 episodes: 11 preferences in 2 scenes" in printed(book)
     assert len(re.findall(r"v = [\d.]+ m/s", printed(book))) == 3
     pictures = [Image.open(io.BytesIO(b64decode(data))) for data in outputs(book, "image/png")]

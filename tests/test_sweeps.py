@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 from omegaconf import OmegaConf
-from support import ANALYTICAL, SMALL, assert_identical
+from support import SINGLE, SMALL, assert_identical
 
 CHECKOUT = Path(__file__).parents[1]
 SWEEPS = {
@@ -21,7 +21,7 @@ SWEEPS = {
         *("hydra.sweeper.direction=maximize", "hooks.discount.end=interval(0.9,0.99)"),
     ],
 }
-SHORT = (ANALYTICAL, "trainer.total_frames=128", "evaluation.episodes=2", "evaluation.steps=1")
+SHORT = (SINGLE, "trainer.total_frames=128", "evaluation.episodes=2", "evaluation.steps=1")
 
 
 @pytest.mark.parametrize("sweep", SWEEPS)
@@ -59,7 +59,7 @@ def test_a_sweep_goes_on_where_it_stopped(train_command, tmp_path, capsys):
 
     train_command(*sweep)
     told = capsys.readouterr().out
-    assert "sweep/0 has finished with these settings before, and is skipped." in told
+    assert "sweep/0 has finished with these settings before; nothing is left to do." in told
     assert "checkpoint-000000000080 at 80 of 128 frames" in told
     assert (finished / "policy.pt").stat().st_mtime_ns == before
     assert (half_done / "evaluation" / "table.md").is_file()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from morlnav.annotations import with_article
-from morlnav.cli import folder, one_sentence_errors, quiet, set_threads
+from morlnav.cli import folder, one_sentence_errors, quiet, set_threads, writable
 from morlnav.modules import RewardModel, load_module, read_facts, write_facts
 from morlnav.navigation.audit import RewardAudit
 from morlnav.navigation.modules import CircumnavigationOracle
@@ -70,7 +70,7 @@ def audit(
             raise ValueError(f"--objective belongs to a run, and {path} is none.")
         file, demonstrator = find_reward(path), CircumnavigationOracle()
         judge = RewardAudit(world=TensorWorld(), scenes=SceneSampler(), **given)
-    report, reward = output or file.parent / "audit", load_module(file)
+    report, reward = writable(output or file.parent / "audit"), load_module(file, trust=trust)
     if not any(isinstance(part, RewardModel) for part in reward.modules()):
         raise ValueError(f"{file} holds {with_article(type(reward).__name__)}, and no reward that could be audited.")
     judge.judge(reward, demonstrator, report, **paid)
@@ -119,6 +119,8 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     args = parser.parse_args()
+    if args.bare and args.plans == 0:
+        parser.error("--bare is about planned scenes, and --plans 0 plans in none")
     settings = {name: getattr(args, name) for name in ("plans", "bare", "scale", "offset", "seed", "scene_seed")}
     with one_sentence_errors(own_classes=True):
         set_threads(args.threads)

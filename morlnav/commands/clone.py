@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import copy
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from morlnav.navigation.audit.noise import noisy_rollouts
 from morlnav.navigation.envs import GoalProgress, NavigationEnv
 from morlnav.navigation.evaluation import Outcome, Rollouts, evaluation_scenes
 from morlnav.navigation.evaluation.statistics import bootstrap_interval
-from morlnav.navigation.record.plots import plot_studies
+from morlnav.navigation.record.studies_plot import plot_studies
 from morlnav.navigation.world import Scene
 from morlnav.runs import make_training
 from morlnav.trainers import Training, live_objects
@@ -27,6 +28,11 @@ from morlnav.trainers.stages import Driver
 
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 NUMBERS = (1, 3, 10, 30, 100, 300, 1000)
+OF_NO_CLONE = re.compile(
+    r"[+~]*(actor|critic|loss|stepper|exploration|replay|collector|hooks|logger|refinement|preferences|products|compile"
+    r"|trainer\.(?!progress_bar)|evaluation\.(?!seed))"
+)
+"""Keys of a training that begins when the clone is there."""
 
 
 class Studies:
@@ -137,13 +143,18 @@ def main() -> None:
     args = parser.parse_intermixed_args()
     if args.hold is not None and args.study != "noise":
         parser.error("--hold belongs to noise")
+    if args.hold is not None and args.hold < 1:
+        parser.error(f"--hold must be at least 1, got {args.hold}")
     with one_sentence_errors():
         cfg = composed(args.overrides)
         if cfg.resume is not None or cfg.trust:
             raise ValueError("resume and trust belong to morlnav-train; morlnav-clone begins anew.")
+        training = make_training(cfg)
+        if other := [word for word in args.overrides if OF_NO_CLONE.match(word)]:
+            raise ValueError(f"{other[0]} changes no clone, which is there before a policy is trained.")
         check(cfg.threads, "threads", kind=int)
         set_threads(cfg.threads)
-        studies = Studies(make_training(cfg), args.episodes)
+        studies = Studies(training, args.episodes)
         table = studies.noise(hold=1 if args.hold is None else args.hold) if args.study == "noise" else studies.number()
         args.output.mkdir(parents=True, exist_ok=True)
         table.to_csv(args.output / f"{args.study}.csv", index=False)

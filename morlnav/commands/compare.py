@@ -30,6 +30,8 @@ def prepare(run: Run, folder: Path, pairs: int = 30, scenes: int = 10, steps: in
         FileExistsError: if the folder holds anything.
         ValueError: if there are not so many pairs.
     """
+    if folder.exists() and any(folder.iterdir()):
+        raise FileExistsError(f"{folder} is not empty; name a new folder for the roll-outs.")
     evaluation = navigation_of(run)
     preferences = evaluation.preferences(steps)
     drawn = draw_pairs(scenes, len(preferences), pairs, seed)

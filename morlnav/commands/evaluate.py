@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from morlnav.cli import folder, one_sentence_errors, quiet, set_threads
+from morlnav.cli import folder, one_sentence_errors, quiet, set_threads, writable
 from morlnav.data import preference_edges
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
@@ -17,6 +17,9 @@ from morlnav.runs import Run
 
 CHANGES = ("episodes", "steps", "seed", "reference")
 """Values of a run's evaluation that the command line may change."""
+
+WITHOUT = {"animate": ("contexts", "route", "output", "steps", "reference"), "contexts": ("steps", "reference")}
+"""Options that another one leaves without a meaning."""
 
 
 def use_recorded_scenes(run: Run, folder: Path) -> None:
@@ -49,7 +52,7 @@ def evaluate_run(run: Run, output: Path | None = None) -> Path:
     Returns:
         Where they are.
     """
-    output = output or run.directory / "evaluation"
+    output = writable(output or run.directory / "evaluation")
     run.evaluation.report(run.policy, output)
     return output
 
@@ -69,7 +72,7 @@ def evaluate_route(
     Returns:
         The file: one row per room, one for the route.
     """
-    evaluation = navigation_of(run)
+    output, evaluation = writable(output or run.directory / "evaluation"), navigation_of(run)
     world = evaluation.env.world
     rooms = load_contexts(contexts, run.policy.objectives)
     robot = ContextPolicy(run.policy, rooms, time_constant=time_constant, step_time=world.step_time)
@@ -81,7 +84,6 @@ def evaluate_route(
     summary = summarise(metrics)
     label = ", ".join(f"{room} from {time:g} s" for time, room in sorted(route.items()))
     summary.insert(0, "room", [*rooms, label])
-    output = output or run.directory / "evaluation"
     output.mkdir(parents=True, exist_ok=True)
     summary.to_csv(output / "rooms.csv", index=False)
     return output / "rooms.csv"
@@ -101,6 +103,9 @@ def animate_run(run: Run, file: Path, scene: int = 0, steps: int = 2) -> None:
     """
     if file.suffix.lower() != ".gif":
         raise ValueError(f"The animation is a GIF; give it a name such as {file.with_suffix('.gif')}, not {file}.")
+    if file.is_dir():
+        raise IsADirectoryError(f"{file} is a folder; name a file in it.")
+    writable(file.parent)
     from morlnav.navigation.record.animation import animate_rollouts  # loads matplotlib
 
     evaluation = navigation_of(run)
@@ -173,8 +178,10 @@ def main() -> None:
         parser.error("--contexts and --route go together")
     if args.scene is not None and args.animate is None:
         parser.error("--scene belongs to --animate")
-    if args.animate is not None and args.contexts is not None:
-        parser.error("--animate shows fixed preferences; leave out --contexts and --route")
+    for option, others in WITHOUT.items():
+        if getattr(args, option) is not None:
+            for other in (other for other in others if getattr(args, other) is not None):
+                parser.error(f"--{other} changes nothing beside --{option}; leave it out")
     if len(dict(args.route or ())) < len(args.route or ()):
         parser.error("--route enters two rooms at once; give each second one room")
     if args.scenes is not None and (args.episodes, args.seed) != (None, None):

@@ -22,6 +22,7 @@ from morlnav.navigation.demonstrations import (
 from morlnav.navigation.demonstrations.drive import Recorder, add_demonstrations
 from morlnav.navigation.demonstrations.folder import check_world
 from morlnav.navigation.envs import NavigationEnv
+from morlnav.navigation.world import World
 
 SEPARATORS = {"tab": "\t", "\\t": "\t", "space": " ", "comma": ",", "semicolon": ";"}
 
@@ -39,7 +40,7 @@ def drive(env: NavigationEnv, folder: Path, seed: int, size: tuple[int, int]) ->
         The number of demonstrations in the folder; 0 if nothing was demonstrated.
 
     Raises:
-        ValueError: without pygame, or for a folder of anything else, or of another world.
+        ValueError: without pygame.
     """
     try:
         from morlnav.navigation.demonstrations.window import SceneWindow
@@ -51,9 +52,6 @@ def drive(env: NavigationEnv, folder: Path, seed: int, size: tuple[int, int]) ->
         nonlocal total
         total = add_demonstrations(episode, folder, "driven by hand", env.world)
 
-    if folder.exists() and any(folder.iterdir()):  # refuse a folder of anything else before somebody drives
-        load_demonstrations(folder)
-        check_world(folder, env.world)
     window = SceneWindow(env.world, size)
     try:
         Recorder(env.world, env.scenes, keep, window, seed).run()
@@ -62,12 +60,19 @@ def drive(env: NavigationEnv, folder: Path, seed: int, size: tuple[int, int]) ->
     return total
 
 
+def _refuse_other(folder: Path, world: World) -> None:
+    """Refuse a folder of anything but demonstrations of this world."""
+    if folder.exists() and any(folder.iterdir()):
+        load_demonstrations(folder)
+        check_world(folder, world)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="morlnav-record", description=__doc__.split(": ", 1)[1])
     parser.add_argument("folder", type=folder, metavar="FOLDER", help="of demonstrations; new ones are added")
     parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="as of morlnav-train, of env")
-    parser.add_argument("--seed", type=int, default=0, help="of the scenes")
-    parser.add_argument("--size", type=int, nargs=2, default=(1000, 700), help="of the window in pixels")
+    parser.add_argument("--seed", type=int, help="of the scenes (default: 0)")
+    parser.add_argument("--size", type=int, nargs=2, help="of the window in pixels (default: 1000 700)")
     read = parser.add_argument_group("import", "What a file does not tell, or tells in words of its own.")
     several = {"nargs": "+", "action": "extend"}
     read.add_argument("--import", dest="files", **several, metavar="FILE", help="tables, .npz, ROS bags, minari:NAME")
@@ -127,8 +132,10 @@ def main() -> None:
     quiet()
     parser = _parser()
     args = parser.parse_intermixed_args()
-    if args.seed < 0:
+    if args.seed is not None and args.seed < 0:
         parser.error("--seed must not be negative")
+    if args.files and (args.seed, args.size) != (None, None):
+        parser.error("--seed and --size are about driving by hand; leave them out beside --import")
     with one_sentence_errors(own_classes=True):
         files = [word for word in args.files or () if "=" not in word or Path(word).exists()]
         overrides = [*args.overrides, *(word for word in args.files or () if word not in files)]
@@ -137,7 +144,8 @@ def main() -> None:
             raise ValueError(f"{other[0]} changes no recording, but for env and world nothing does.")
         node = plain(cfg.env)
         check(node, "env", ("seed",), NavigationEnv)
-        env = build(node | {"num_envs": 1}, "env", seed=args.seed).eval()
+        env = build(node | {"num_envs": 1}, "env", seed=args.seed or 0).eval()
+        _refuse_other(args.folder, env.world)  # before anybody drives, and anything is read
         if files:
             how = {"tolerance": args.tolerance, "good_only": args.good_only}
             how = {name: value for name, value in how.items() if value is not None}
@@ -155,7 +163,7 @@ def main() -> None:
             settings = set(vars(args)) - {"folder", "overrides", "seed", "size", "files"}
             if given := [name for name in sorted(settings) if getattr(args, name) is not None]:
                 raise ValueError(f"--{given[0].replace('_', '-')} says how files are read; name them with --import.")
-            total = drive(env, args.folder, args.seed, tuple(args.size))
+            total = drive(env, args.folder, args.seed or 0, tuple(args.size or (1000, 700)))
         print(f"{args.folder} holds {total} demonstrations." if total else "Nothing was demonstrated.")
 
 

@@ -9,13 +9,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from morlnav.analysis import load_settings, load_sweep
-from morlnav.cli import folder, one_sentence_errors, quiet, set_threads
+from morlnav.cli import folder, one_sentence_errors, quiet, set_threads, writable
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.evaluation.seeds import aggregate_scores, compare_scores
 from morlnav.evaluation.seeds_plot import plot_curves, plot_scores
-from morlnav.navigation.evaluation.sweep import TABLE_ONE, Sweep, paper_name, read_columns
+from morlnav.navigation.evaluation.paper import TABLE_ONE, paper_name
+from morlnav.navigation.evaluation.sweep import Sweep, read_columns
 from morlnav.navigation.record.exact_front_plot import plot_reached_fronts
-from morlnav.navigation.record.plots import plot_metrics, plot_studies, plot_trajectories
+from morlnav.navigation.record.plots import plot_metrics, plot_trajectories
+from morlnav.navigation.record.studies_plot import plot_studies
 from morlnav.record.markdown import markdown_table
 from morlnav.runs import Run
 
@@ -275,8 +277,9 @@ def main() -> None:
     args = parser.parse_args()
     with one_sentence_errors():
         set_threads(args.threads)
+        output = writable(args.output or args.sweep[0] / "report")
         report = Report(args.sweep, args.scenes)
-        page = report.write(args.output or args.sweep[0] / "report")
+        page = report.write(output)
         for note in report.notes:
             print(note)
         print(f"The report is {page}")

@@ -11,8 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
 
@@ -34,15 +33,15 @@ from morlnav.cli import (
     one_sentence_errors,
     quiet,
     refuse_choices,
+    refuse_misplaced,
     set_threads,
 )
 from morlnav.config import check, plain, setting
-from morlnav.deployment.policy import POLICY_FILE
 from morlnav.files import write_text
 from morlnav.record.console import stage
 from morlnav.runs import CONFIG_FILE, Run, make_training
-from morlnav.runs.directory import remove_leftovers, reserved
-from morlnav.runs.resuming import resumed_words
+from morlnav.runs.directory import Sweeps, remove_leftovers, removed_if_empty, reserved
+from morlnav.runs.resuming import options_first, resumed_words
 from morlnav.runs.settings import Settings, refuse_without_clones
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
@@ -64,30 +63,34 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
     training = make_training(config)
     keep_freed_memory()
     set_threads(threads)
+    settings = Settings(cfg, directory)
+    if resume is not None and settings.finished():
+        print(f"{directory} has finished with these settings before; nothing is left to do.")
+        finished = Run(directory, trust=True)
+        finished.evaluation.show(directory / "evaluation", directory)
+        return finished
     checkpoint = None if resume is None else _checkpoint_of(Path(resume))
     with tempfile.TemporaryDirectory() as scratch:
         training.rehearse(Path(scratch))  # all that constructors refuse, before anything is learned or written
-    settings = Settings(cfg, directory)
     with reserved(directory):
         trainer = _begin(settings, training) if checkpoint is None else _continue(settings, training, checkpoint)
         _keep_versions(directory / "versions.json", resumed=checkpoint is not None)
-        return _train(training, trainer, directory)
+        finished = _train(training, trainer, directory)
+        if finished is not None:
+            settings.finish(trainer.collected_frames)
+        return finished
 
 
 def _is_sweep() -> bool:
     return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
 
 
-def _left_by_a_sweep(cfg: DictConfig, directory: Path) -> Run | None:
-    """The run that this job of a sweep has finished before; one that it has half done is marked to be resumed."""
-    if not (directory / CONFIG_FILE).is_file() or Settings(cfg, directory).changed():
-        return None
-    if all((directory / name).is_file() for name in (POLICY_FILE, "evaluation/table.md")):
-        print(f"{directory} has finished with these settings before, and is skipped.")
-        return Run(directory, trust=True)
-    if find_checkpoints(directory):
+def _go_on_in_a_sweep(cfg: DictConfig, directory: Path) -> None:
+    """Mark a job of a sweep to be resumed that a sweep has begun, or finished, before."""
+    settings = Settings(cfg, directory)
+    begun = (directory / CONFIG_FILE).is_file() and not settings.changed()
+    if begun and (settings.finished() or find_checkpoints(directory)):
         cfg.resume = str(directory)
-    return None
 
 
 def _begin(settings: Settings, training: Training) -> Trainer:
@@ -209,22 +212,14 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     write_text(path, json.dumps(versions | ({"resumed": later} if later else {}), indent=2))
 
 
-@contextmanager
-def _removed_if_empty(directory: Path) -> Iterator[None]:
-    """Hydra makes the directory before a config can be refused; what was refused leaves nothing."""
-    try:
-        yield
-    finally:
-        with suppress(OSError):
-            os.removedirs(os.path.relpath(directory))
-
-
 @hydra.main(version_base="1.3", config_path=conf_dir(), config_name="train")
 def _main(cfg: DictConfig) -> float:
     directory = Path(HydraConfig.get().runtime.output_dir)
     # Here too, for Hydra would add a line of its own to an error that leaves this function.
-    with _removed_if_empty(directory), one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
-        finished = (_left_by_a_sweep(cfg, directory) if _is_sweep() else None) or run(cfg, directory)
+    with removed_if_empty(directory), one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
+        if _is_sweep():
+            _go_on_in_a_sweep(cfg, directory)
+        finished = run(cfg, directory)
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too
     return finished.evaluation.utility(finished.directory / "evaluation")  # what a sweeper may maximise
@@ -243,12 +238,17 @@ def main() -> None:
 
 
 def _run_words() -> None:
-    words = get_args_parser().parse_args().overrides
-    refuse_choices([word for word in words if not word.startswith("resume=")])
-    sys.argv[1:], own_classes = resumed_words(sys.argv[1:])
+    args = get_args_parser().parse_intermixed_args()
+    refuse_choices([word for word in args.overrides if not word.startswith("resume=")])
+    refuse_misplaced(args.overrides, args.multirun or "hydra.mode=MULTIRUN" in args.overrides)
+    words, own_classes = resumed_words(sys.argv[1:])
+    sys.argv[1:] = options_first(words)
     if own_classes:
         sys.path.insert(0, os.getcwd())  # so that a config may name classes from the user's folder
-    _main()
+    try:
+        _main()
+    finally:
+        Sweeps.forget_refused()
 
 
 if __name__ == "__main__":

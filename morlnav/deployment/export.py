@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import io
 import json
+from importlib.util import find_spec
 from pathlib import Path
 
 import torch
 from torch.export import Dim, ExportedProgram
 
-from morlnav.cli import folder, one_sentence_errors, quiet
+from morlnav.cli import folder, one_sentence_errors, quiet, writable
 from morlnav.deployment.policy import Policy, load
 from morlnav.files import write_bytes
 from morlnav.modules.checks import check_weights
@@ -63,8 +64,10 @@ def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...
     unknown = set(formats) - set(FORMATS)
     if unknown:
         raise ValueError(f"There is no format {', '.join(sorted(unknown))}; choose from: {', '.join(FORMATS)}.")
+    if "onnx" in formats and find_spec("onnxscript") is None:  # what PyTorch's exporter needs
+        raise ValueError("ONNX needs more packages: pip install 'morlnav[export]', or choose --format pt2.")
     check_weights(policy, "This policy")
-    directory = Path(directory)
+    directory = writable(Path(directory))
     directory.mkdir(parents=True, exist_ok=True)
     program, objectives = export_program(policy), json.dumps(policy.objectives)
     files = {form: directory / f"policy.{form}" for form in formats}
@@ -77,10 +80,6 @@ def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...
 
 
 def _write_onnx(program: ExportedProgram, path: Path, objectives: str) -> None:
-    try:
-        import onnxscript  # noqa: F401  (what PyTorch's exporter needs)
-    except ImportError as error:
-        raise ValueError("ONNX needs more packages: pip install 'morlnav[export]', or choose --format pt2.") from error
     exported = torch.onnx.export(
         program, input_names=list(INPUTS), output_names=[OUTPUT], dynamo=True, external_data=False, verbose=False
     )

@@ -17,7 +17,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 from torchrl.envs.libs.gym import MOGymWrapper, set_gym_backend
 
-from morlnav.config import nearest
+from morlnav.sentences import nearest
 
 
 def MOGymnasium(id: str, num_envs: int = 1) -> EnvBase:

@@ -62,7 +62,7 @@ def write_facts(path: str | Path, facts: Mapping[str, Any]) -> None:
 
     Raises:
         FileNotFoundError: if one of the two files is missing.
-        ValueError: if the description is damaged.
+        ValueError: if one is damaged.
     """
     _write(Path(path), _read(path) | {"facts": dict(facts)})
 
@@ -72,7 +72,7 @@ def read_facts(path: str | Path) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: if one of the two files is missing.
-        ValueError: if the description is damaged.
+        ValueError: if one is damaged.
     """
     return _read(path)["facts"]
 
@@ -95,8 +95,6 @@ def load_module(
         ValueError: if a file is damaged, names a foreign class, or the two do not belong together.
     """
     description = _read(path)
-    if description["sha256"] not in (None, sha256(Path(path))):
-        raise ValueError(f"{path} is damaged: it does not hold the weights that were saved.")
     with torch.random.fork_rng(devices=[]):  # what is drawn afterwards does not depend on what was loaded
         model = _build(description["model"], Path(path).with_suffix(".json"), trust)
     model = load_weights(model, path, device).requires_grad_(False)
@@ -149,6 +147,8 @@ def _read(path: str | Path) -> dict[str, Any]:
         raise ValueError(f"{description} was made by morlnav 0.1, which this version does not read; train it again.")
     if not whole:
         raise ValueError(f"{description} is damaged: it does not hold what was saved.")
+    if read["sha256"] not in (None, sha256(Path(path))):
+        raise ValueError(f"{path} is damaged: it does not hold the weights that were saved.")
     return read
 
 

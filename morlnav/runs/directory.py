@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, ClassVar
 
 from filelock import FileLock, Timeout
+from hydra.experimental.callback import Callback
+from omegaconf import DictConfig
 
 LOCK_FILE = ".lock"
 UNFINISHED = ("stage", "archive", "delete", "backup")
@@ -68,3 +72,35 @@ def remove_leftovers(directory: Path) -> None:
             path.rename(path.with_name(checkpoint))
         elif kind in UNFINISHED:
             shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+
+
+@contextmanager
+def removed_if_empty(directory: Path) -> Iterator[None]:
+    """Hydra makes the directory before a config can be refused; what was refused leaves nothing."""
+    try:
+        yield
+    finally:
+        _remove_if_empty(directory)
+
+
+def _remove_if_empty(directory: Path) -> None:
+    with suppress(OSError):
+        os.removedirs(os.path.relpath(directory))
+
+
+class Sweeps(Callback):
+    """Learns from Hydra where a sweep keeps its jobs, so that one whose first job is refused leaves nothing."""
+
+    folder: ClassVar[Path | None] = None
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        """Remember the folder, in which Hydra soon writes what the sweep is of."""
+        Sweeps.folder = Path(config.hydra.sweep.dir)
+
+    @classmethod
+    def forget_refused(cls) -> None:
+        """Remove the folder if no job has left anything in it."""
+        folder, cls.folder = cls.folder, None
+        if folder is not None and [path.name for path in folder.glob("*")] == ["multirun.yaml"]:
+            (folder / "multirun.yaml").unlink()
+            _remove_if_empty(folder)

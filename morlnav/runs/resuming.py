@@ -61,6 +61,18 @@ def resumed_words(words: Sequence[str]) -> tuple[list[str], bool]:
     return [*joined, f"resume={quoted(place)}", f"hydra.run.dir={quoted(directory)}"], trust
 
 
+def options_first(words: Sequence[str]) -> list[str]:
+    """The words in an order that Hydra's parser takes, which wants all overrides in one place.
+
+    >>> options_first(["trainer=smoke", "-m", "seed=0,1"])
+    ['-m', 'trainer=smoke', 'seed=0,1']
+    """
+    overrides, options = get_args_parser().parse_intermixed_args(list(words)).overrides, list(words)
+    for word in overrides:
+        options.remove(word)
+    return [*options, *overrides]
+
+
 def _words_of_a_run(path: Path) -> list[str]:
     """The words that a run began with; options, and what would change Hydra itself, are never among them."""
     words, parser = read_yaml(path), OverridesParser.create()
@@ -117,7 +129,7 @@ def _unquoted(text: str) -> str:
 
 def _check(words: Sequence[str], typed: Sequence[str], directory: Path) -> None:
     """Compose the run as Hydra will, which builds nothing, and refuse what would be built from outside the package."""
-    args, own = get_args_parser().parse_args(list(words)), get_args_parser().parse_args(list(typed))
+    args, own = (get_args_parser().parse_intermixed_args(list(some)) for some in (words, typed))
     searched = [word for word in args.overrides if word.startswith("hydra.searchpath=")]
     folders = [f"file://{Path(args.config_dir).resolve()}"] if args.config_dir else []
     folders += _search_path(searched[0]) if searched else []  # the first one counts

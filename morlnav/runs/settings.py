@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
@@ -10,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.files import write_text
+from morlnav.modules import read_facts, write_facts
 from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config
 from morlnav.trainers.drex import CLONE_FILE, REWARD_FILE, LearnedReward
 
@@ -61,6 +63,20 @@ class Settings:
             for key in dict.fromkeys([*now, *began])
             if began.get(key, "nothing") != now.get(key, "nothing") and key not in NO_RESULT_DEPENDS_ON and counts(key)
         ]
+
+    def finish(self, frames: int) -> None:
+        """Note that the policy of so many frames is refined, saved and measured."""
+        file = self.directory / POLICY_FILE
+        write_facts(file, read_facts(file) | {"frames": frames})
+
+    def finished(self) -> bool:
+        """Whether a run has finished here with this config, and what it left is whole."""
+        if not all((self.directory / name).is_file() for name in (CONFIG_FILE, "evaluation/table.md")):
+            return False
+        with suppress(ValueError, OSError):  # a policy that is missing or damaged is made anew
+            frames = read_facts(self.directory / POLICY_FILE).get("frames", -1)
+            return frames >= OmegaConf.select(self.cfg, "trainer.total_frames", default=0) and not self.changed()
+        return False
 
     def refuse_another_run(self) -> None:
         """Refuse to begin a run where one has begun, lest its outputs pass for those of this config.

@@ -18,7 +18,8 @@ from tensordict.nn import TensorDictModule
 from torchrl.collectors import BaseCollector, Collector
 from torchrl.envs import EnvBase, TransformedEnv
 
-from morlnav.config import ConfigError, Part, causes, supply, takes
+from morlnav.config import ConfigError, Part, supply, takes
+from morlnav.sentences import causes
 
 
 def num_workers(collector: Part[BaseCollector] | Callable[..., BaseCollector]) -> int:

@@ -23,14 +23,15 @@ from torchrl.envs import Compose, EnvBase, RewardScaling, Transform, Transformed
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
-from morlnav.config import Part, as_part, build, check, first_line, setting, supply, takes
+from morlnav.config import Part, as_part, build, check, setting, supply, takes
 from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
-from morlnav.modules import round_products
 from morlnav.objectives import MORLTD3Loss
+from morlnav.sentences import first_line
 from morlnav.trainers.collectors import RolloutState, make_collector, num_workers, share_of
 from morlnav.trainers.divergence import StopDivergence
 from morlnav.trainers.drex import DREX, LearnedReward
+from morlnav.trainers.haste import hasten, product_dtype
 from morlnav.trainers.hooks import StepExploration
 from morlnav.trainers.live import live_objects, side_by_side
 from morlnav.trainers.refinement import PathwiseRefinement
@@ -253,7 +254,10 @@ class Training:
             share_of(num_workers(self.collector), self.base_env().batch_size.numel())
             frames = setting(self.collector, "frames_per_batch")
             brief.collector = partial(Collector, backend="direct", frames_per_batch=frames)
-        self.make_refinement(learned)
+        if (refinement := self.make_refinement(learned)) is not None:  # what learns last of all
+            optimizer = supply(refinement.optimizer, params=[nn.Parameter(torch.zeros(1))])
+            if refinement.schedule is not None:
+                supply(refinement.schedule, optimizer=optimizer, total_steps=max(1, refinement.drives))
         trainer = brief.make_trainer(directory, learned)
         loss, batch = trainer.loss_module, next(iter(trainer.collector)).flatten()
         try:
@@ -337,11 +341,7 @@ class Training:
                 if clone is not None
             },
         )
-        dtype = product_dtype(self.products, torch.device(self.device))
-        for module in (loss.actor_network, loss.qvalue_network, loss.terms):  # a loss hides networks from modules()
-            round_products(module, dtype)
-        if self.compile is not None:
-            _compile(loss, self.compile)
+        hasten(loss, product_dtype(self.products, torch.device(self.device)), self.compile)
         return loss.to(self.device)
 
     def _make_exploration(self, live: Mapping[str, Any], batches: int) -> nn.Module:
@@ -372,25 +372,3 @@ def _as_learned(reward: Tensor, replay: ReplayBuffer) -> Tensor:
         if isinstance(transform, RewardScaling) and ("next", "reward") in transform.in_keys:
             reward = transform.scale * reward + transform.loc
     return reward
-
-
-def product_dtype(name: str, device: torch.device) -> torch.dtype:
-    """The type in which hidden layers multiply while learning: ``auto`` is bfloat16 where ``device`` is made for it.
-
-    >>> product_dtype("float32", torch.device("cpu"))
-    torch.float32
-    """
-    if name != "auto":
-        return getattr(torch, name)
-    capabilities = getattr(torch.cpu, "get_capabilities", dict)()
-    fast = torch.cuda.is_bf16_supported() if device.type == "cuda" else capabilities.get("avx512_bf16", False)
-    return torch.bfloat16 if fast else torch.float32
-
-
-def _compile(loss: MORLTD3Loss, arguments: Mapping[str, Any]) -> None:
-    try:
-        for method in ("value_loss", "actor_loss"):
-            setattr(loss, method, torch.compile(getattr(loss, method), **arguments))
-    except (TypeError, RuntimeError) as error:
-        message = f"compile must be null or arguments of torch.compile, as {{mode: default}}, got {dict(arguments)}."
-        raise ValueError(message) from error

@@ -76,7 +76,6 @@ def test_ctrl_c_says_how_to_go_on_and_going_on_loses_nothing(smoke_run, tmp_path
         return trainer
 
     monkeypatch.setattr(Training, "make_trainer", interrupted_trainer)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     assert run(configure(), tmp_path) is None
     assert "Stopped after 208 frames" in (text := capsys.readouterr().out)
     assert f"morlnav-train resume={tmp_path}" in text

@@ -14,7 +14,8 @@ COMMANDS = {"audit": audit, "clone": clone, "compare": compare, "evaluate": eval
 COMMANDS |= {"record": record, "report": report}
 DEFAULT = Path(__file__).parents[2] / "results" / "default"
 
-# RUN is a finished run; in the present folder lie rooms.yaml, nan.yaml, drive.csv, a folder `empty` and a file `taken`.
+# RUN is a finished run, and BLOCKED one where files stand in the place of its folders. In the present folder lie
+# rooms.yaml, nan.yaml, drive.csv, folders `empty`, `full` and `full.gif`, and a file `taken`.
 EVALUATE = """
 nowhere                                  | nowhere is not a run directory: it holds no config.yaml.
 empty                                    | empty is not a run directory
@@ -49,7 +50,16 @@ RUN --animate out                        | give it a name such as out.gif, not o
 RUN --animate out.gif --scene 1000       | The scene must be an index below evaluation.episodes
 RUN --animate out.gif --scene -1         | The scene must be an index below evaluation.episodes
 RUN --animate out.gif --scene x          | argument --scene: invalid int value
-RUN --animate out.gif --contexts rooms.yaml --route 0:hall | --animate shows fixed preferences
+RUN --animate out.gif --contexts rooms.yaml --route 0:hall | --contexts changes nothing beside --animate; leave it out
+RUN --animate out.gif --output new       | --output changes nothing beside --animate
+RUN --animate out.gif --steps 3          | --steps changes nothing beside --animate
+RUN --animate out.gif --reference 1 2 3 4 | --reference changes nothing beside --animate
+RUN --animate taken/out.gif              | taken is a file, and no folder for results
+RUN --animate full.gif                   | full.gif is a folder; name a file in it
+RUN --contexts rooms.yaml --route 0:hall --steps 3 | --steps changes nothing beside --contexts
+RUN --contexts rooms.yaml --route 0:hall --reference 1 2 3 4 | --reference changes nothing beside --contexts
+BLOCKED                                  | blocked/evaluation is a file, and no folder for results
+BLOCKED --contexts rooms.yaml --route 0:hall | blocked/evaluation is a file, and no folder for results
 RUN --contexts rooms.yaml                | --contexts and --route go together
 RUN --route 0:hall                       | --contexts and --route go together
 RUN --contexts nowhere.yaml --route 0:hall | There is no file of contexts nowhere.yaml
@@ -92,6 +102,8 @@ RUN --scenes 0                           | rewards.audit.num_scenes must be at l
 RUN --scenes -1                          | rewards.audit.num_scenes must be at least 1
 RUN --scenes 1.5                         | argument --scenes: invalid int value
 RUN --plans -1                           | rewards.audit.plans, scene_seed and seed must not be negative
+RUN --plans 0 --bare                     | --bare is about planned scenes
+BLOCKED                                  | blocked/audit is a file, and no folder for results
 RUN --plans x                            | argument --plans: invalid int value
 RUN --scene-seed -1                      | rewards.audit.plans, scene_seed and seed must not be negative
 RUN --scene-seed 1e3                     | argument --scene-seed: invalid int value
@@ -122,6 +134,7 @@ RUN --format tflite                      | argument --format: invalid choice: 't
 RUN --format                             | argument --format: expected one argument
 RUN --output taken                       | taken
 RUN --output taken/deeper                | taken
+BLOCKED                                  | blocked/export is a file, and no folder for results
 RUN --size 3                             | unrecognized arguments: --size 3
 RUN more                                 | unrecognized arguments: more
                                          | the following arguments are required: RUN_DIR
@@ -152,6 +165,10 @@ noise +foo=1                             | foo is no argument
 noise resume=RUN                         | resume and trust belong to morlnav-train
 noise trust=true                         | resume and trust belong to morlnav-train
 noise actor                              | actor
+noise evaluation.episodes=3              | evaluation.episodes=3 changes no clone
+noise trainer.total_frames=512           | trainer.total_frames=512 changes no clone
+noise refinement.drives=3                | refinement.drives=3 changes no clone
+noise preferences=uniform                | preferences=uniform changes no clone
 noise =3                                 | =3
 noise --epsiodes 3                       | unrecognized arguments: --epsiodes
 """
@@ -161,6 +178,8 @@ COMPARE = """
 nowhere new                              | nowhere is not a run directory
 RUN taken                                | taken is a file, and no folder for results
 RUN taken/deeper                         | taken is a file, and no folder for results
+RUN full                                 | full is not empty; name a new folder for the roll-outs
+RUN full --pairs 100000                  | full is not empty
 RUN new --steps 0                        | steps must be at least 1, got 0
 RUN new --scenes 0                       | scenes must be at least 1, got 0
 RUN new --pairs 0                        | make 1 to 150 pairs, got 0
@@ -189,6 +208,9 @@ new --import                             | argument --import: expected
 new --seed x                             | argument --seed: invalid int value
 new --seed -1                            | --seed must not be negative
 new --size 10 10                         | at least
+new --import drive.csv --seed 3          | --seed and --size are about driving by hand
+new --import drive.csv --size 300 300    | --seed and --size are about driving by hand
+full --import drive.csv                  | full holds no demonstrations
 new --size 1000                          | argument --size: expected 2 arguments
 new --size a b                           | argument --size: invalid int value
 new env=nosuch                           | There is no env/nosuch
@@ -229,7 +251,11 @@ def place(tmp_path_factory):
     (folder / "run").mkdir()
     for name in ("config.yaml", "policy.pt", "policy.json", "reward.pt", "reward.json"):
         shutil.copy(DEFAULT / name, folder / "run" / name)
-    (folder / "empty").mkdir()
+    shutil.copytree(folder / "run", folder / "blocked")
+    for name in ("evaluation", "audit", "export"):
+        (folder / "blocked" / name).write_text("a file\n")
+    for name in ("empty", "full", "full/inside", "full.gif"):
+        (folder / name).mkdir()
     (folder / "taken").write_text("a file\n")
     (folder / "rooms.yaml").write_text("hall: {efficiency: 1}\nkitchen: {distance: 1}\n")
     (folder / "nan.yaml").write_text("hall: {demo: .nan}\n")
@@ -245,7 +271,8 @@ def contents(folder):
 def test_it_is_refused_in_one_sentence(command, words, said, place, monkeypatch, capsys):
     monkeypatch.chdir(place)
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr(sys, "argv", [f"morlnav-{command}", *(word.replace("RUN", "run") for word in words)])
+    words = [word.replace("RUN", "run").replace("BLOCKED", "blocked") for word in words]
+    monkeypatch.setattr(sys, "argv", [f"morlnav-{command}", *words])
     monkeypatch.setattr(sys, "path", list(sys.path))
     before = contents(place)
     with pytest.raises(SystemExit) as refused:

@@ -126,6 +126,12 @@ rewards.audit.num_scenes=0                          | rewards.audit.num_scenes m
 rewards.audit.plans=-1                              | rewards.audit.plans, scene_seed and seed must not be negative
 rewards.demonstrations.demo.policy.speed=9          | rewards.demonstrations.demo.policy.speed must be at most the robot's 0.5
 rewards.demonstrations.demo.num_envs=0              | rewards.demonstrations.demo.num_envs must be at least 1
+refinement.drives=-1                                | refinement.drives must be at least 0, got -1
+refinement.horizon=0                                | refinement.horizon must be at least 1, got 0
+refinement.clip=0                                   | refinement.clip must be positive, got 0
+refinement.average_decay=1                          | refinement.average_decay must be from 0 to below 1
+refinement.optimizer.lr=-1                          | refinement.optimizer: Invalid learning rate: -1
+refinement.schedule.start=2                         | refinement.schedule.start must be from 0 to below 1
 """
 
 KEYS = """
@@ -149,6 +155,10 @@ compile={mode:nonsense}                             | compile must be null or ar
 loss.sharpness=3                                    | There is no sharpness in loss
 trainer.totl_frames=5                               | There is no totl_frames in trainer; did you mean total_frames?
 foo.bar=1                                           | There is no foo in the config; choose from
+refinement.drifes=3                                 | There is no drifes in refinement; did you mean drives?
++refinement.foo=1                                   | refinement.foo is no argument of morlnav.trainers.PathwiseRefinement
++refinement.scalarisation.scale.foo=2               | refinement.scalarisation.scale names foo
+rewards.demonstrations.dmeo.policy.radius=1         | There is no dmeo in rewards.demonstrations; did you mean demo?
 """
 
 TARGETS = """
@@ -175,6 +185,8 @@ hooks.evaluate._target_=morlnav.modules.Actor       | hooks.evaluate._target_ mu
 logger._target_=torch.nn.Linear                     | logger._target_ must make a Logger
 rewards._target_=torch.nn.Linear                    | rewards._target_ must make a DREX
 rewards.demonstrations.demo._target_=torch.nn.GELU  | rewards.demonstrations.demo._target_ must make a Demonstrations
+refinement._target_=morlnav.trainers.Fit            | refinement._target_ must make a PathwiseRefinement, but morlnav.trainers.Fit makes a Fit
+refinement.optimizer._target_=torch.optim.Adma      | refinement.optimizer._target_: there is no torch.optim.Adma
 """
 
 KINDS = """
@@ -214,6 +226,7 @@ rewards.demonstrations={demo:3}                     | rewards.demonstrations.dem
 ~actor                                              | actor is missing; morlnav.trainers.Training needs it
 ~loss                                               | loss must be a MORLTD3Loss, got a mapping without _target_
 ~trainer.total_frames                               | trainer.total_frames is missing
+refinement.schedule=3                               | refinement.schedule must be a LRScheduler or null, got 3
 """
 
 CHOICES = """
@@ -240,6 +253,10 @@ env=own env._target_=nobody.Here                    | env._target_: there is no 
 ablation=foo                                        | There is no ablation/foo
 world=pymunk env.world.lidar.sectors=0              | env.world.lidar: 0 sectors must divide
 evaluation=front evaluation.episodes=0              | evaluation.episodes must be at least 1
+refinement=pathwies                                 | There is no refinement/pathwies; did you mean pathwise?
+ranking=compared                                    | rewards.ranking.comparisons.path is missing
+ranking=compared rewards.ranking.comparisons.path=/nowhere | There is no file of comparisons /nowhere/comparisons.jsonl
+ranking=bonn rewards.ranking.comparisons.path=/nowhere | rewards.ranking.comparisons: The study of Bonn had 60 sectors
 """
 
 
@@ -298,6 +315,14 @@ def test_what_is_wrong_ends_in_one_sentence_that_names_it(words, said, smoke, tm
         (["env=mo_gymnasium", "env.foo=1"], "There is no foo in env; choose from: id, num_envs."),
         (["env.objectives={}"], "env.objectives={} would change nothing"),
         (["+trainer.totl_frames=5"], "did you mean total_frames?"),
+        (["seed=0,1"], "seed=0,1 names several values; morlnav-train -m trains with each"),
+        (["trainer=[smoke,paper]"], "trainer is one of default, paper, smoke, and not several."),
+        (["hydra/sweeper=optuna"], "hydra/sweeper=optuna is about sweeps; add -m."),
+        (["hydra.sweep.dir=here"], "hydra.sweep.dir=here is about sweeps; add -m."),
+        (["-m", "hydra.run.dir=here"], "hydra.run.dir=here is about a single run; a sweep takes hydra.sweep.dir."),
+        (["-m", "seed=0,1", "trainer=smoke,fast"], "There is no trainer/fast; choose from: default, paper, smoke."),
+        (["-m", "seed=0,1", "foo=3"], "There is no foo in the config"),
+        (["-m", "seed=0,-1", "threads=0"], "threads must be from 1 to 1024, got 0"),
     ],
 )
 def test_the_command_line_refuses_it_too(words, said, train_command, tmp_path):
@@ -305,6 +330,51 @@ def test_the_command_line_refuses_it_too(words, said, train_command, tmp_path):
         train_command(*SMOKE, *words)
     assert said in refused.value.code
     assert not list(tmp_path.iterdir()), "nothing is written"
+
+
+FILES = {
+    "preferences/mine": "_target_: morlnav.data.CornerWeightedPreferences\ncorners: 0.5\n",
+    "experiment/typo": "# @package _global_\ntrainer: {totl_frames: 3}\n",
+    "experiment/deep": "# @package _global_\nloss: {terms: {angle: {actr: 0.1}}}\n",
+    "experiment/broken": "# @package _global_\nloss: {terms: [\n",
+    "experiment/nowhere": "trainer: {total_frames: 3}\n",
+    "experiment/list": "- 1\n- 2\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("word", "said"),
+    [
+        (
+            "preferences=mine",
+            "preferences.corners is no argument of morlnav.data.CornerWeightedPreferences; did you mean corner?",
+        ),
+        ("preferences=mien", "There is no preferences/mien; did you mean mine?"),
+        (
+            "+experiment=typo",
+            "trainer.totl_frames is no argument of morlnav.trainers.MORLTrainer; did you mean total_frames?",
+        ),
+        (
+            "+experiment=deep",
+            "loss.terms.angle.actr is no argument of morlnav.objectives.AngleTerm; did you mean actor?",
+        ),
+        (
+            "+experiment=broken",
+            "experiment/broken.yaml is no YAML: expected the node content, but found '<stream end>' in line 3.",
+        ),
+        ("+experiment=nowhere", "experiment is no argument of morlnav.trainers.Training"),
+        ("+experiment=list", "experiment is no argument of morlnav.trainers.Training"),
+        ("+experiment=nosuch", "There is no experiment/nosuch"),
+    ],
+)
+def test_a_file_of_the_users_own_is_refused_too(word, said, train_command, tmp_path):
+    for name, text in FILES.items():
+        (tmp_path / "mine" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "mine" / f"{name}.yaml").write_text(text)
+    with pytest.raises(SystemExit) as refused:
+        train_command(*SMOKE, "objectives=[baseline,distance]", word, "--config-dir", "mine")
+    assert said in refused.value.code
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"], "nothing is written"
 
 
 OWN = """

@@ -62,10 +62,14 @@ def nothing_is_executed(tmp_path, monkeypatch):
     assert "my_evil" not in sys.modules
 
 
-def read_by_every_command(directory, monkeypatch):
-    """The sentences with which evaluation and audit, which build what a config names, refuse a run."""
+COMMANDS = (evaluate, audit)
+"""They build what a config names."""
+
+
+def read_by(commands, directory, monkeypatch):
+    """The sentences with which commands refuse a run."""
     sentences = []
-    for main in (evaluate.main, audit.main):
+    for main in (command.main for command in commands):
         monkeypatch.setattr(sys, "argv", ["morlnav", str(directory)])
         with pytest.raises(SystemExit) as error:
             main()
@@ -77,7 +81,7 @@ def read_by_every_command(directory, monkeypatch):
 def test_a_foreign_class_is_refused_wherever_it_stands(place, kept_run, change_config, monkeypatch):
     value = EVIL["_target_"] if place.endswith("_target_") else EVIL
     change_config(place, [value] if place.endswith("terms") else value)
-    for sentence in read_by_every_command(kept_run, monkeypatch):
+    for sentence in read_by(COMMANDS, kept_run, monkeypatch):
         assert sentence == (
             "This run uses the foreign my_evil.Evil; if it is your own, trust it (--trust, or trust=True)."
         )
@@ -98,20 +102,20 @@ def test_a_foreign_class_is_refused_wherever_it_stands(place, kept_run, change_c
 )
 def test_a_path_to_what_acts_or_writes_is_refused(target, kept_run, change_config, monkeypatch, tmp_path):
     change_config("env.scenes", {"_target_": target, "exp_name": "x", "log_dir": str(tmp_path / "executed")})
-    for sentence in read_by_every_command(kept_run, monkeypatch):
+    for sentence in read_by(COMMANDS, kept_run, monkeypatch):
         assert sentence.startswith(f"This run uses the foreign {target}")
 
 
 @pytest.mark.parametrize("key", ["env.world", "_target_", "device"])
 def test_a_resolver_makes_up_no_class(key, kept_run, change_config, monkeypatch):
     change_config(key, "${oc.decode:'{_target_: my_evil.Evil}'}")
-    for sentence in read_by_every_command(kept_run, monkeypatch):
+    for sentence in read_by(COMMANDS, kept_run, monkeypatch):
         assert "holds no interpolation" in sentence
 
 
 def test_yaml_makes_no_objects(kept_run, monkeypatch):
     (kept_run / "config.yaml").write_text("seed: !!python/object/apply:my_evil.Evil []\n")
-    for sentence in read_by_every_command(kept_run, monkeypatch):
+    for sentence in read_by(COMMANDS, kept_run, monkeypatch):
         assert sentence.endswith("config.yaml is damaged: it is no YAML.")
 
 
@@ -150,7 +154,7 @@ def test_a_policy_is_made_of_our_modules_alone(target, sentence, kept_run, monke
 
 def test_a_reward_is_made_of_our_modules_alone(kept_run, monkeypatch):
     describe(kept_run / "reward.pt", lambda model: model["model"]["models"][2].update(EVIL))
-    for sentence in read_by_every_command(kept_run, monkeypatch):
+    for sentence in read_by(COMMANDS, kept_run, monkeypatch):
         assert "names the foreign class my_evil.Evil" in sentence
 
 
@@ -159,13 +163,13 @@ class Pickled:
         return __import__, ("my_evil",)
 
 
-@pytest.mark.parametrize("name", ["policy.pt", "reward.pt"])
-def test_weights_are_not_unpickled_even_where_their_hash_is_right(name, kept_run, monkeypatch):
+@pytest.mark.parametrize(("name", "commands"), [("policy.pt", [evaluate]), ("reward.pt", COMMANDS)])
+def test_weights_are_not_unpickled_even_where_their_hash_is_right(name, commands, kept_run, monkeypatch):
     torch.save({"low": Pickled()}, kept_run / name)
     content = json.loads((kept_run / name).with_suffix(".json").read_text())
     del content["sha256"]
     sign(kept_run / name, content)
-    for sentence in read_by_every_command(kept_run, monkeypatch)[:1]:
+    for sentence in read_by(commands, kept_run, monkeypatch):
         assert "does not hold the weights of this" in sentence
 
 

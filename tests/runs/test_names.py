@@ -2,7 +2,7 @@
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from support import ANALYTICAL, SMALL
+from support import SINGLE, SMALL
 
 from morlnav.runs.resuming import quoted, resumed_words
 
@@ -41,6 +41,6 @@ def test_a_run_goes_on_in_its_own_directory(name, typed, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["q'uote", "a b=1,c\\"])
 def test_a_run_is_trained_and_resumed_there(name, train_command, capsys):
-    train_command(*SMALL, ANALYTICAL, *TINY, f"hydra.run.dir={quoted(name)}")
+    train_command(*SMALL, SINGLE, *TINY, f"hydra.run.dir={quoted(name)}")
     train_command(f"resume={name}", "trainer.total_frames=64")
     assert f"/{name}\n" in capsys.readouterr().out.split("Everything is in ")[2]

@@ -9,9 +9,10 @@ import sys
 import time
 
 import pytest
+import torch
 import yaml
 from omegaconf import OmegaConf
-from support import ANALYTICAL, BRIEF, DEMONSTRATED, SMALL, configure
+from support import BRIEF, DEMONSTRATED, SINGLE, SMALL, assert_identical, configure
 
 import morlnav
 from morlnav.commands.evaluate import evaluate_run
@@ -19,6 +20,7 @@ from morlnav.commands.train import main, run
 from morlnav.modules import read_facts
 from morlnav.runs import Run
 from morlnav.runs.directory import reserved
+from morlnav.trainers import Training
 
 TINY = (
     "trainer.total_frames=64",
@@ -28,7 +30,7 @@ TINY = (
     "hooks.fit_interpolator.interval=64",
     "transforms.time_limit.max_steps=50",
 )
-WORDS = (*SMALL, ANALYTICAL, *TINY, "evaluation.episodes=2", "evaluation.steps=1")
+WORDS = (*SMALL, SINGLE, *TINY, "evaluation.episodes=2", "evaluation.steps=1")
 
 
 def contents(directory):
@@ -91,8 +93,43 @@ def test_after_a_refusal_a_finished_run_is_evaluated_and_resumed(finished, train
         train_command(f"resume={finished}", "actor.num_cells=8")
     evaluate_run(Run(finished), finished / "again")
     assert "2 scenes" in (finished / "again" / "table.md").read_text()
+    (finished / "policy.pt").unlink()
     train_command(f"resume={finished}")
     assert "at 64 of 64 frames" in capsys.readouterr().out
+
+
+def test_a_finished_run_says_so_at_once_and_changes_nothing(finished, train_command, monkeypatch, capsys):
+    monkeypatch.setattr(Training, "rehearse", None)  # it is not even built
+    before = contents(finished)
+    train_command(f"resume={finished}", "trainer.progress_bar=true")  # on which no result depends
+    told = capsys.readouterr().out
+    assert f"{finished} has finished with these settings before; nothing is left to do." in told
+    assert "success" in told
+    assert contents(finished) == before
+
+
+@pytest.mark.parametrize("lost", ["policy.pt", "policy.json", "evaluation", "a byte"])
+def test_what_a_finished_run_has_lost_is_made_anew(lost, finished, made, train_command):
+    if lost == "evaluation":
+        shutil.rmtree(finished / lost)
+    elif lost == "a byte":
+        (finished / "policy.pt").write_bytes((made / "policy.pt").read_bytes()[:-1])
+    else:
+        (finished / lost).unlink()
+    train_command(f"resume={finished}")
+    assert_identical(torch.load(finished / "policy.pt"), torch.load(made / "policy.pt"))
+    assert read_facts(finished / "policy.pt") == read_facts(made / "policy.pt") | {"frames": 64}
+    assert (finished / "evaluation" / "table.md").read_text() == (made / "evaluation" / "table.md").read_text()
+
+
+def test_a_longer_run_that_was_killed_is_not_taken_for_finished(finished, train_command, monkeypatch, capsys):
+    with monkeypatch.context() as patch:
+        patch.setattr(Training, "finish", lambda *_: sys.exit("killed"))
+        with pytest.raises(SystemExit, match="killed"):
+            train_command(f"resume={finished}", "trainer.total_frames=96")
+    train_command(f"resume={finished}")
+    assert "at 96 of 96 frames" in capsys.readouterr().out
+    assert read_facts(finished / "policy.pt")["frames"] == 96
 
 
 def test_a_finished_run_may_go_on_for_longer(finished, train_command, capsys):
@@ -108,6 +145,7 @@ def test_where_no_run_can_be_resumed_nothing_is_written(kept, finished, train_co
     for path in (finished / "checkpoints", finished / ".hydra"):
         if path.name != kept:
             shutil.rmtree(path)
+    (finished / "policy.pt").unlink()
     before = contents(finished)
     with pytest.raises(SystemExit, match=r"no checkpoint there|no run of morlnav-train there"):
         train_command(f"resume={finished}")
@@ -206,7 +244,7 @@ def test_ones_own_run_resumes_with_trust_time_and_again(train_command, tmp_path,
         with pytest.raises(SystemExit, match=r"my_calm\.Calm; if it is your own, add trust=true"):
             train_command("resume=mine")
         train_command("resume=mine", "trust=true")
-        assert "at 64 of 64 frames" in capsys.readouterr().out
+        assert "nothing is left to do" in capsys.readouterr().out
     assert morlnav.load("mine", trust=True).objectives[-1] == "calm"
 
 
@@ -249,6 +287,7 @@ def test_a_reward_is_used_by_the_config_that_it_was_learned_by_alone(tmp_path):
             run(configure(*demo, word, cache, resume), began)
     assert contents(began) == before
 
+    (began / "policy.pt").unlink()
     run(configure(*demo, f"cache={tmp_path / 'elsewhere'}", resume), began)
     assert not (tmp_path / "elsewhere").exists()  # its own reward is enough
     assert read_facts(began / "reward.pt") == reward
@@ -257,11 +296,11 @@ def test_a_reward_is_used_by_the_config_that_it_was_learned_by_alone(tmp_path):
 def test_a_second_run_at_the_same_time_is_refused(finished, train_command):
     with reserved(finished):
         before = contents(finished)
-        for words in ([f"resume={finished}"], [*WORDS, f"hydra.run.dir='{finished}'"]):
+        for words in ([f"resume={finished}", "trainer.total_frames=96"], [*WORDS, f"hydra.run.dir='{finished}'"]):
             with pytest.raises(SystemExit, match=rf"Another run is at work in {finished}; wait for it"):
                 train_command(*words)
         assert contents(finished) == before
-    train_command(f"resume={finished}")
+    train_command(f"resume={finished}", "trainer.total_frames=96")
 
 
 @pytest.mark.parametrize("collector", ["single", "processes"])

@@ -13,30 +13,10 @@ import torch
 from morlnav.analysis import Runs, load_settings
 from morlnav.evaluation import preference_label
 from morlnav.evaluation.seeds import holm, mean_interval, stars
+from morlnav.navigation.evaluation.paper import PAPER, TABLE_ONE, paper_name, published
 from morlnav.navigation.evaluation.possible import EDGE, ExactFront, possible_table
 from morlnav.navigation.evaluation.report import PLOTTED
 from morlnav.navigation.evaluation.statistics import ONLY_SUCCESS, compare_extremes, fidelity, tuneable_objectives
-
-TABLE_ONE = {
-    "SR": ("SR %", 1, ""),
-    "CR": ("CR %", 1, ""),
-    "TR": ("TR %", 1, ""),
-    "min_human_distance": ("min d_h m", 2, "distance"),
-    "frechet": ("Fréchet m", 2, "demo"),
-    "navigation_time": ("time s", 1, "efficiency"),
-}
-"""Metrics of Table I: heading, digits, and the objective that has all weight; without one all λ count."""
-
-PAPER = {
-    "our": ("OUR", (100, 0, 0, 1.18, 0.41, 17.3)),
-    "no_human": ("-NH", (96.8, 2.7, 0.5, 0.52, 0.57, 16.9)),
-    "state_reward": ("-RM", (100, 0, 0, 1.16, 0.46, 17.4)),
-    "no_human,state_reward": ("-RM-NH", (79.6, 11.4, 9.0, 0.48, 0.49, 19.2)),
-    "gamma_099": ("-γ", (96.0, 4.0, 0.0, 1.22, 0.50, 18.3)),
-    "baseline": ("baseline agent", (97, np.nan, np.nan, 0.64, np.nan, np.nan)),
-}
-"""What the paper calls a word of the group ``ablation``, and its numbers (Table I, Sec. IV-C.1)."""
-
 
 ENDS = ("", "_low", "_high")
 """After the name of a metric: its mean, and the ends of the interval."""
@@ -161,8 +141,8 @@ class Sweep:
         """
         rows = []
         for name in self.settings:
-            published = next((numbers for _, numbers in _published(name)), [np.nan] * 6)
-            for (metric, (*_, objective)), paper in zip(TABLE_ONE.items(), published, strict=True):
+            theirs = next((numbers for _, numbers in published(name)), [np.nan] * 6)
+            for (metric, (*_, objective)), paper in zip(TABLE_ONE.items(), theirs, strict=True):
                 values = [_measure(summary, metric, objective) for summary in self.of(name, self.summaries)]
                 mean, *ends = mean_interval(values)
                 low, high = np.clip(ends, 0, 100 if metric in ("SR", "CR", "TR") else np.inf)
@@ -290,21 +270,6 @@ def _test_extremes(sample: pd.DataFrame, metrics: list[str]) -> pd.DataFrame:
 def _labels(table: pd.DataFrame) -> list[str]:
     names = tuneable_objectives(table)
     return [preference_label(names, row) for row in table[[f"lambda_{name}" for name in names]].to_numpy().tolist()]
-
-
-def paper_name(setting: str) -> str | None:
-    """What the paper calls a setting; ``None`` for one that it does not have.
-
-    >>> paper_name("state_reward,no_human"), paper_name("no_angle")
-    ('-RM-NH', None)
-    """
-    return next((name for name, _ in _published(setting)), None)
-
-
-def _published(setting: str) -> list[tuple[str, tuple[float, ...]]]:
-    """Name and numbers in the paper of a setting, whose words may come in any order."""
-    words = sorted(setting.split(","))
-    return [entry for word, entry in PAPER.items() if sorted(word.split(",")) == words]
 
 
 def _rows(table: pd.DataFrame) -> list[Any]:

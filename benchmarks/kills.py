@@ -158,7 +158,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=__doc__.split("\n", 1)[0])
     parser.add_argument("--trials", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--output", type=Path, help="a JSON file of all trials")
+    parser.add_argument("--output", type=Path, help="a JSON file of the trials so far")
     args = parser.parse_args()
     torch.set_num_threads(1)
     folder = Path(tempfile.mkdtemp(prefix="kills"))
@@ -166,8 +166,8 @@ def main() -> None:
     for row in kill_trials(folder, args.trials, args.seed):
         rows.append(row)
         print(f"{row['second']:6.1f} s  {row['stage']:30s} {row['wrong'] or 'the same, bit for bit'}", flush=True)
-    if args.output is not None:
-        args.output.write_text(json.dumps(rows, indent=2))
+        if args.output is not None:
+            args.output.write_text(json.dumps(rows, indent=2) + "\n")
     wrong = [row for row in rows if row["wrong"]]
     print(f"{len(rows) - len(wrong)} of {len(rows)} went on to the same result{f'; see {folder}' if wrong else ''}.")
     if not wrong:

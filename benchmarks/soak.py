@@ -1,9 +1,9 @@
 """Train for hours, and see that memory, speed and what is left behind stay as they should.
 
-``python -m benchmarks.soak --hours 2`` ends a short training each by Ctrl-C, by ``SIGTERM`` to its process group and by
-the death of a worker; ``soak.json`` tells what each left running and in ``/dev/shm``. Then it trains without
-demonstrations in a process of its own, and every few seconds writes a line of ``soak.csv``, with resident memory,
-frames, speed and the machine's load, and into ``soak.json`` how memory and speed went so far.
+``python -m benchmarks.soak --hours 2`` trains without demonstrations in a process of its own, and every few seconds
+writes a line of ``soak.csv``, with resident memory, frames, speed and the machine's load, and into ``soak.json`` how
+memory and speed went so far. Beside it a short training each is ended by Ctrl-C, by ``SIGTERM`` to its process group and
+by the death of a worker; ``soak.json`` tells what each left running and in ``/dev/shm``.
 """
 
 from __future__ import annotations
@@ -136,7 +136,11 @@ def left_behind(directory: Path, how: str) -> dict[str, object]:
         os.killpg(training.pid, signal.SIGTERM)
     else:
         max(workers, key=lambda worker: worker.memory_info().rss).kill()
-    status = training.wait(300)
+    try:
+        status = training.wait(600)
+    except subprocess.TimeoutExpired:
+        os.killpg(training.pid, signal.SIGKILL)
+        raise
     _, alive = psutil.wait_procs(workers, timeout=10)
     left = {path.name for path in seen if path.exists()}
     checkpoint = sorted(path.name for path in run.glob("checkpoints/checkpoint-*"))[-1]
@@ -170,19 +174,22 @@ def main() -> None:
         parser.error("--hours and --interval must be positive")
     args.output.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # or trainings would ignore it, too, in the background
     result: dict[str, dict[str, object]] = {}
-    for how in ENDINGS:
-        result[how] = left_behind(args.output / how.replace(" ", "_"), how)
-    rows = []
+    rows, endings = [], iter(ENDINGS)
     with contextlib.closing(soak(args.output, args.hours, args.interval)) as looks:
         for row in looks:
             rows.append(row)
             table = pd.DataFrame(rows)
             table.to_csv(args.output / "soak.csv", index=False)
-            told = {"soak": summary(table)} if len(rows) >= 4 else {}
-            (args.output / "soak.json").write_text(json.dumps(result | told, indent=2) + "\n")
-    print((args.output / "soak.json").read_text())
-    raise SystemExit(any(result[how]["orphans"] or result[how]["shm"] for how in ENDINGS))
+            if (how := next(endings, None)) is not None:
+                result[how] = left_behind(args.output / how.replace(" ", "_"), how)
+            if len(rows) >= 4:
+                result["soak"] = summary(table)
+            (args.output / "soak.json").write_text(json.dumps(result, indent=2) + "\n")
+    print(json.dumps(result, indent=2))
+    missed = [how for how in ENDINGS if how not in result or result[how]["orphans"] or result[how]["shm"]]
+    raise SystemExit(bool(missed))
 
 
 if __name__ == "__main__":

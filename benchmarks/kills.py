@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+import psutil
 import torch
 
 from morlnav.cli import composed, one_sentence_errors, quiet, set_threads
@@ -122,7 +123,7 @@ def stage(directory: Path, cache: Path) -> str:
 
 
 def kill_trials(folder: Path, trials: int, seed: int = 0) -> Iterator[dict[str, object]]:
-    """Train once undisturbed, then kill and finish a training per trial, at moments spread evenly over its time.
+    """Train once undisturbed, then kill and finish a training per trial, at moments spread evenly over its work.
 
     Args:
         folder: for the runs.
@@ -130,18 +131,20 @@ def kill_trials(folder: Path, trials: int, seed: int = 0) -> Iterator[dict[str, 
         seed: of the moments.
 
     Yields:
-        A row per trial: ``second`` of the kill, ``stage`` that it hit, ``wrong`` (empty if all is well).
+        A row per trial: ``second`` of processor time at the kill, which a busy machine does not change, ``stage`` that
+        it hit, ``wrong`` (empty if all is well).
     """
-    start, whole = time.perf_counter(), folder / "whole"
-    number = in_a_process(lambda: train(whole, folder / "cache"))
-    if os.waitpid(number, 0)[1]:
+    whole = folder / "whole"
+    _, status, used = os.wait4(in_a_process(lambda: train(whole, folder / "cache")), 0)
+    if status:
         raise ChildProcessError(whole.with_suffix(".log").read_text())
-    length, rng = time.perf_counter() - start, random.Random(seed)
+    length, rng = used.ru_utime + used.ru_stime, random.Random(seed)
     for trial in range(trials):
         directory, cache = folder / f"run{trial}", folder / f"cache{trial}"
         number = in_a_process(lambda directory=directory, cache=cache: train(directory, cache))
         second = length * (trial + rng.random()) / trials
-        time.sleep(second)
+        while (times := psutil.Process(number).cpu_times()).user + times.system < second and not _is_over(number):
+            time.sleep(0.01)
         os.kill(number, signal.SIGKILL)
         killed = os.WIFSIGNALED(os.waitpid(number, 0)[1])
         row = {"second": round(second, 2), "stage": stage(directory, cache) if killed else "end"}
@@ -151,6 +154,11 @@ def kill_trials(folder: Path, trials: int, seed: int = 0) -> Iterator[dict[str, 
         if not row["wrong"]:
             shutil.rmtree(directory, ignore_errors=True)
             shutil.rmtree(cache, ignore_errors=True)
+
+
+def _is_over(number: int) -> bool:
+    """Whether a process has ended, of its own accord, and waits to be asked for its status."""
+    return psutil.Process(number).status() == psutil.STATUS_ZOMBIE
 
 
 def main() -> None:

@@ -2,8 +2,8 @@
 
 ``python -m benchmarks.soak --hours 2`` trains without demonstrations in a process of its own, and every few seconds
 writes a line of ``soak.csv``, with resident memory, frames, speed and the machine's load, and into ``soak.json`` how
-memory and speed went so far. Beside it a short training each is ended by Ctrl-C, by ``SIGTERM`` to its process group and
-by the death of a worker; ``soak.json`` tells what each left running and in ``/dev/shm``.
+memory and speed went so far. Beside it a short training each is ended by Ctrl-C, by ``SIGTERM`` to its process group
+and by the death of a worker; ``soak.json`` tells what each left running and in ``/dev/shm``.
 """
 
 from __future__ import annotations

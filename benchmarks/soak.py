@@ -43,7 +43,7 @@ def frames(run: Path) -> int:
     >>> frames(Path("nowhere"))
     0
     """
-    logs = list(run.glob("logs/scalars/loss_qvalue.csv"))
+    logs = list(run.glob("logs/scalars/optim/loss_qvalue.csv"))
     lines = logs[0].read_text().splitlines() if logs else []
     return int(float(lines[-1].split(",")[0])) if lines else 0
 

@@ -16,6 +16,7 @@ import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
 
 import psutil
@@ -48,6 +49,9 @@ WORDS = (
     "transforms.time_limit.max_steps=100",
     *BRIEF,
 )
+LATE = ("matplotlib.pyplot", "morlnav.navigation.audit.report", "morlnav.navigation.record.plots",
+        "torch.utils.tensorboard", "torchrl.trainers")  # fmt: skip
+"""What a training imports only late; here once, for all copies of this process."""
 RESULTS = ("policy.pt", "policy.json", "reward.pt", "reward.json", "clone.pt", "clone.json")
 
 
@@ -169,6 +173,8 @@ def main() -> None:
     parser.add_argument("--output", type=Path, help="a JSON file of the trials so far")
     args = parser.parse_args()
     torch.set_num_threads(1)
+    for name in LATE:
+        import_module(name)
     folder = Path(tempfile.mkdtemp(prefix="kills"))
     rows = []
     for row in kill_trials(folder, args.trials, args.seed):

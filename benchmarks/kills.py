@@ -16,8 +16,10 @@ import signal
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
 
+import psutil
 import torch
 
 from morlnav.cli import composed, one_sentence_errors, quiet, set_threads
@@ -47,6 +49,9 @@ WORDS = (
     "transforms.time_limit.max_steps=100",
     *BRIEF,
 )
+LATE = ("matplotlib.pyplot", "morlnav.navigation.audit.report", "morlnav.navigation.record.plots",
+        "torch.utils.tensorboard", "torchrl.trainers")  # fmt: skip
+"""What a training imports only late; here once, for all copies of this process."""
 RESULTS = ("policy.pt", "policy.json", "reward.pt", "reward.json", "clone.pt", "clone.json")
 
 
@@ -122,7 +127,7 @@ def stage(directory: Path, cache: Path) -> str:
 
 
 def kill_trials(folder: Path, trials: int, seed: int = 0) -> Iterator[dict[str, object]]:
-    """Train once undisturbed, then kill and finish a training per trial, at moments spread evenly over its time.
+    """Train once undisturbed, then kill and finish a training per trial, at moments spread evenly over its work.
 
     Args:
         folder: for the runs.
@@ -130,18 +135,20 @@ def kill_trials(folder: Path, trials: int, seed: int = 0) -> Iterator[dict[str, 
         seed: of the moments.
 
     Yields:
-        A row per trial: ``second`` of the kill, ``stage`` that it hit, ``wrong`` (empty if all is well).
+        A row per trial: ``second`` of processor time at the kill, which a busy machine does not change, ``stage`` that
+        it hit, ``wrong`` (empty if all is well).
     """
-    start, whole = time.perf_counter(), folder / "whole"
-    number = in_a_process(lambda: train(whole, folder / "cache"))
-    if os.waitpid(number, 0)[1]:
+    whole = folder / "whole"
+    _, status, used = os.wait4(in_a_process(lambda: train(whole, folder / "cache")), 0)
+    if status:
         raise ChildProcessError(whole.with_suffix(".log").read_text())
-    length, rng = time.perf_counter() - start, random.Random(seed)
+    length, rng = used.ru_utime + used.ru_stime, random.Random(seed)
     for trial in range(trials):
         directory, cache = folder / f"run{trial}", folder / f"cache{trial}"
         number = in_a_process(lambda directory=directory, cache=cache: train(directory, cache))
         second = length * (trial + rng.random()) / trials
-        time.sleep(second)
+        while (times := psutil.Process(number).cpu_times()).user + times.system < second and not _is_over(number):
+            time.sleep(0.01)
         os.kill(number, signal.SIGKILL)
         killed = os.WIFSIGNALED(os.waitpid(number, 0)[1])
         row = {"second": round(second, 2), "stage": stage(directory, cache) if killed else "end"}
@@ -153,21 +160,28 @@ def kill_trials(folder: Path, trials: int, seed: int = 0) -> Iterator[dict[str, 
             shutil.rmtree(cache, ignore_errors=True)
 
 
+def _is_over(number: int) -> bool:
+    """Whether a process has ended, of its own accord, and waits to be asked for its status."""
+    return psutil.Process(number).status() == psutil.STATUS_ZOMBIE
+
+
 def main() -> None:
     """Entry point; the exit status is 1 if a run did not go on to the same result."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=__doc__.split("\n", 1)[0])
     parser.add_argument("--trials", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--output", type=Path, help="a JSON file of all trials")
+    parser.add_argument("--output", type=Path, help="a JSON file of the trials so far")
     args = parser.parse_args()
     torch.set_num_threads(1)
+    for name in LATE:
+        import_module(name)
     folder = Path(tempfile.mkdtemp(prefix="kills"))
     rows = []
     for row in kill_trials(folder, args.trials, args.seed):
         rows.append(row)
         print(f"{row['second']:6.1f} s  {row['stage']:30s} {row['wrong'] or 'the same, bit for bit'}", flush=True)
-    if args.output is not None:
-        args.output.write_text(json.dumps(rows, indent=2))
+        if args.output is not None:
+            args.output.write_text(json.dumps(rows, indent=2) + "\n")
     wrong = [row for row in rows if row["wrong"]]
     print(f"{len(rows) - len(wrong)} of {len(rows)} went on to the same result{f'; see {folder}' if wrong else ''}.")
     if not wrong:

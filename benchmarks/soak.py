@@ -1,22 +1,22 @@
 """Train for hours, and see that memory, speed and what is left behind stay as they should.
 
-``python -m benchmarks.soak --hours 2`` trains without demonstrations in a process of its own, and writes a line of
-``soak.csv`` every few seconds: resident memory, frames and speed. Then a short training each is ended by Ctrl-C, by
-``SIGTERM`` to its process group and by the death of a worker; ``soak.json`` tells what each left running and in
-``/dev/shm``, and how memory and speed went.
+``python -m benchmarks.soak --hours 2`` trains without demonstrations in a process of its own, and every few seconds
+writes a line of ``soak.csv``, with resident memory, frames, speed and the machine's load, and into ``soak.json`` how
+memory and speed went so far. Beside it a short training each is ended by Ctrl-C, by ``SIGTERM`` to its process group
+and by the death of a worker; ``soak.json`` tells what each left running and in ``/dev/shm``.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
+import contextlib
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ import psutil
 
 WORDS = ("objectives=[baseline,distance,efficiency]", "trainer.progress_bar=false", "trainer.total_frames=1000000000")
 SMALL = ("trainer=smoke", *WORDS, "collector=processes")
+ENDINGS = ("ctrl-c", "sigterm", "dead worker")
 SHARED = Path("/dev/shm")
 
 
@@ -42,7 +43,7 @@ def frames(run: Path) -> int:
     >>> frames(Path("nowhere"))
     0
     """
-    logs = list(run.glob("logs/scalars/loss_qvalue.csv"))
+    logs = list(run.glob("logs/scalars/optim/loss_qvalue.csv"))
     lines = logs[0].read_text().splitlines() if logs else []
     return int(float(lines[-1].split(",")[0])) if lines else 0
 
@@ -67,38 +68,48 @@ def memory(process: psutil.Process) -> float:
     return total / 1e6
 
 
-def soak(directory: Path, hours: float, interval: float = 10.0, words: Sequence[str] = WORDS) -> pd.DataFrame:
-    """Train for some hours, end it by Ctrl-C, and return a row per look at it.
+def shared(process: psutil.Process) -> set[Path]:
+    """Files of shared memory that a process or any that it has started holds; not those of other programs."""
+    held = set()
+    for member in family(process):
+        with contextlib.suppress(psutil.Error, OSError):
+            held |= {Path(part.path) for part in member.memory_maps()}
+    return {path for path in held if path.parent == SHARED}
+
+
+def soak(
+    directory: Path, hours: float, interval: float = 10.0, words: Sequence[str] = WORDS
+) -> Iterator[dict[str, float]]:
+    """Train for some hours, or until nobody asks for more looks, and end it by Ctrl-C.
 
     Args:
-        directory: receives ``soak.csv`` and the run.
+        directory: receives the run.
         hours: how long.
         interval: seconds between two looks.
         words: of the training.
 
-    Returns:
-        Columns ``second``, ``rss`` (MB), ``frames`` and ``speed`` (frames/s since the last look).
+    Yields:
+        A row per look: ``second``, ``rss`` (MB), ``frames``, ``speed`` (frames/s since the last look) and ``load``, the
+        processes that wanted a core of the machine in the last minute, with those of others.
 
     Raises:
         ChildProcessError: if the training ends by itself.
     """
     training, began = start(directory, words), time.monotonic()
     process, last = psutil.Process(training.pid), (0.0, 0)
-    with (directory / "soak.csv").open("w", newline="") as file:
-        table = csv.writer(file)
-        table.writerow(["second", "rss", "frames", "speed"])
+    try:
         while (second := time.monotonic() - began) < 3600 * hours:
             if training.poll() is not None:
                 raise ChildProcessError((directory / "train.log").read_text())
             now = frames(directory / "run")
             speed = (now - last[1]) / (second - last[0]) if second > last[0] else 0.0
-            table.writerow([round(second, 1), round(memory(process), 1), now, round(speed, 1)])
-            file.flush()
+            row = {"second": second, "rss": memory(process), "frames": now, "speed": speed}
+            yield {name: round(value, 1) for name, value in row.items()} | {"load": round(psutil.getloadavg()[0], 2)}
             last = second, now
             time.sleep(interval)
-    training.send_signal(signal.SIGINT)
-    training.wait(600)
-    return pd.read_csv(directory / "soak.csv")
+    finally:
+        training.send_signal(signal.SIGINT)
+        training.wait(600)
 
 
 def left_behind(directory: Path, how: str) -> dict[str, object]:
@@ -111,54 +122,45 @@ def left_behind(directory: Path, how: str) -> dict[str, object]:
     Returns:
         ``status`` of the training, ``orphans``, files left in ``shm``, and the ``checkpoint`` it can go on from.
     """
-    before = set(SHARED.glob("*")) if SHARED.is_dir() else set()
-    training, run = start(directory, SMALL), directory / "run"
+    training, run, seen = start(directory, SMALL), directory / "run", set[Path]()
+    process = psutil.Process(training.pid)
     while not list(run.glob("checkpoints/checkpoint-*")):
         if training.poll() is not None:
             raise ChildProcessError((directory / "train.log").read_text())
+        seen |= shared(process)
         time.sleep(0.2)
-    workers = family(psutil.Process(training.pid))[1:]
+    workers = family(process)[1:]
     if how == "ctrl-c":
         os.killpg(training.pid, signal.SIGINT)
     elif how == "sigterm":
         os.killpg(training.pid, signal.SIGTERM)
     else:
         max(workers, key=lambda worker: worker.memory_info().rss).kill()
-    status = training.wait(300)
+    try:
+        status = training.wait(600)
+    except subprocess.TimeoutExpired:
+        os.killpg(training.pid, signal.SIGKILL)
+        raise
     _, alive = psutil.wait_procs(workers, timeout=10)
-    left = {path.name for path in SHARED.glob("*") if path not in before and _is_ours(path)}
+    left = {path.name for path in seen if path.exists()}
     checkpoint = sorted(path.name for path in run.glob("checkpoints/checkpoint-*"))[-1]
     return {"status": status, "orphans": len(alive), "shm": sorted(left), "checkpoint": checkpoint}
 
 
-def _is_ours(path: Path) -> bool:
-    """Whether nobody else holds a file of shared memory open; other programs may have made it meanwhile."""
-    held = set()
-    for process in psutil.process_iter():
-        try:
-            held |= {name.path for name in process.memory_maps()}
-        except (psutil.Error, OSError):
-            continue
-    return path.exists() and str(path) not in held
-
-
 def summary(table: pd.DataFrame) -> dict[str, float]:
-    """Memory and speed of the last quarter beside those of the second, and the growth of memory in MB per hour.
+    """Memory and speed of the last quarter beside those of the second, the growth of memory in MB per hour, and hours.
 
-    >>> rows = pd.DataFrame({"second": range(0, 7200, 60), "rss": 900.0, "frames": 0, "speed": 50.0})
-    >>> summary(rows)["rss_growth"], summary(rows)["speed_last"]
-    (0.0, 50.0)
+    >>> rows = pd.DataFrame({"second": range(0, 7260, 60), "rss": 900.0, "frames": 0, "speed": 50.0, "load": 1.0})
+    >>> summary(rows)["rss_growth"], summary(rows)["speed_last"], summary(rows)["hours"]
+    (0.0, 50.0, 2.0)
     """
     quarters = [table.iloc[rows] for rows in np.array_split(np.arange(len(table)), 4)]
     steady = table.iloc[len(table) // 4 :]
     growth = np.polyfit(steady["second"] / 3600, steady["rss"], 1)[0] if len(steady) > 1 else 0.0
-    return {
-        "rss_second": float(quarters[1]["rss"].mean()),
-        "rss_last": float(quarters[3]["rss"].mean()),
-        "rss_growth": round(float(growth), 1) + 0.0,
-        "speed_second": float(quarters[1]["speed"].mean()),
-        "speed_last": float(quarters[3]["speed"].mean()),
-    }
+    values = {"hours": table["second"].iloc[-1] / 3600, "load": table["load"].mean(), "rss_growth": growth + 0.0}
+    for name in ("rss", "speed"):
+        values |= {f"{name}_second": quarters[1][name].mean(), f"{name}_last": quarters[3][name].mean()}
+    return {name: round(float(value), 2) for name, value in values.items()}
 
 
 def main() -> None:
@@ -168,15 +170,26 @@ def main() -> None:
     parser.add_argument("--interval", type=float, default=10.0, help="seconds between two looks (default: 10)")
     parser.add_argument("--output", type=Path, default=Path("outputs/soak"), help="default: outputs/soak")
     args = parser.parse_args()
-    if args.hours < 0 or args.interval <= 0:
-        parser.error("--hours must not be negative, and --interval positive")
+    if args.hours <= 0 or args.interval <= 0:
+        parser.error("--hours and --interval must be positive")
     args.output.mkdir(parents=True, exist_ok=True)
-    result = {"soak": summary(soak(args.output, args.hours, args.interval))} if args.hours else {}
-    for how in ("ctrl-c", "sigterm", "dead worker"):
-        result[how] = left_behind(args.output / how.replace(" ", "_"), how)
-    (args.output / "soak.json").write_text(json.dumps(result, indent=2))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # or trainings would ignore it, too, in the background
+    result: dict[str, dict[str, object]] = {}
+    rows, endings = [], iter(ENDINGS)
+    with contextlib.closing(soak(args.output, args.hours, args.interval)) as looks:
+        for row in looks:
+            rows.append(row)
+            table = pd.DataFrame(rows)
+            table.to_csv(args.output / "soak.csv", index=False)
+            if (how := next(endings, None)) is not None:
+                result[how] = left_behind(args.output / how.replace(" ", "_"), how)
+            if len(rows) >= 4:
+                result["soak"] = summary(table)
+            (args.output / "soak.json").write_text(json.dumps(result, indent=2) + "\n")
     print(json.dumps(result, indent=2))
-    raise SystemExit(any(result[how]["orphans"] or result[how]["shm"] for how in ("ctrl-c", "sigterm", "dead worker")))
+    missed = [how for how in ENDINGS if how not in result or result[how]["orphans"] or result[how]["shm"]]
+    raise SystemExit(bool(missed))
 
 
 if __name__ == "__main__":

@@ -16,11 +16,11 @@ from morlnav.navigation.demonstrations import (
     Reading,
     from_minari,
     import_demonstrations,
-    join_demonstrations,
     load_demonstrations,
 )
 from morlnav.navigation.demonstrations.drive import Recorder, add_demonstrations
 from morlnav.navigation.demonstrations.folder import check_world
+from morlnav.navigation.demonstrations.repeats import new_episodes
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.world import World
 
@@ -157,7 +157,9 @@ def main() -> None:
             if len(sets) < len(files):
                 tables = [file for file in files if not file.startswith("minari:")]
                 parts.append(import_demonstrations(tables, reading=reading, world=env.world, **how))
-            data = join_demonstrations(parts)
+            data, left = new_episodes(parts, args.folder, bool(args.good_only))
+            if left:
+                print(f"{left} episode{'s' * (left > 1)} left out, held by {args.folder} already or told twice.")
             total = add_demonstrations(data, args.folder, ", ".join(Path(file).name for file in files), env.world)
         else:
             settings = set(vars(args)) - {"folder", "overrides", "seed", "size", "files"}

@@ -203,7 +203,7 @@ def _keep_versions(path: Path, resumed: bool) -> None:
     if resumed and path.is_file():
         try:
             began = dict(json.loads(path.read_text()))
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, RecursionError):
             print(f"{path} is damaged, and begins anew; nothing depends on it.")
         else:
             now, versions, later = versions, began, began.pop("resumed", [])

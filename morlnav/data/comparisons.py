@@ -75,7 +75,7 @@ def _from_json(path: Path, text: str) -> Iterable[tuple[str, Any]]:
         if line.strip():
             try:
                 yield f"{path}, line {number}", json.loads(line, object_pairs_hook=_entries)
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 raise ValueError(f"{path}, line {number} is not readable as JSON.") from error
 
 

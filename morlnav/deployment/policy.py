@@ -14,13 +14,16 @@ from morlnav.modules.saved import load_module, read_facts, save_module
 
 POLICY_FILE = "policy.pt"
 SUM_TOLERANCE = 1e-3
+SLACK = 1e-3
+"""By how much a measurement may miss its range, in units of 1 plus its own size."""
 
 
 class Policy(nn.Module):
     """A trained actor: ``policy(observation[..., D], preference[..., n]) -> action[..., A]``.
 
     For navigation these are raw observations ``[..., 34]`` and actions ``(v, ω)`` in m/s and rad/s. Inputs that make no
-    sense are refused: an observation that is not finite, a preference off the simplex, and what would lead to an action
+    sense are refused: an observation that is not finite or that nothing can measure (where the actor's features tell
+    their ``bounds``, such as ±π for a bearing), a preference off the simplex, and what would lead to an action
     that is not finite. Compiled or exported, where nothing can be refused, the policy answers each of them with a stop:
     zeros, for a robot ``v = 0`` and ``ω = 0``.
 
@@ -39,29 +42,45 @@ class Policy(nn.Module):
         super().__init__()
         self.actor = actor
         self.objectives = tuple(objectives)
+        tell = getattr(getattr(actor, "features", None), "bounds", None)
+        limits = tell() if callable(tell) else (torch.tensor([-torch.inf]), torch.tensor([torch.inf]))
+        device = next((weight.device for weight in self.parameters()), None)
+        for name, limit in zip(("low", "high"), limits, strict=True):
+            self.register_buffer(name, limit.to(device), persistent=False)
 
     def forward(self, observation: Tensor, preference: Tensor) -> Tensor:
         """Actions for observations; the preference broadcasts over them.
 
         Raises:
-            ValueError: if the observation is not finite, the preference no point of the simplex with one entry per
-                objective, or the action not finite.
+            ValueError: if the observation is not finite or out of range, the preference no point of the simplex with
+                one entry per objective, or the action not finite.
         """
         silent = torch.compiler.is_compiling() or torch.jit.is_tracing()
         if not silent:
             observation, preference = _as_tensors(observation, preference)
         if preference.ndim == 0 or preference.shape[-1] != len(self.objectives):
             raise ValueError(f"A preference needs {len(self.objectives)} entries {self.objectives}.")
-        finite = observation.isfinite()
+        finite, width = observation.isfinite(), observation.shape[-1]
+        fits = len(self.low) in (1, width)  # else the actor says what is wrong
+        off = torch.relu(self.low - observation) + torch.relu(observation - self.high) if fits else 0 * observation
+        inside = off <= SLACK * (1 + observation.abs())
         point = (preference >= 0).all(-1) & ((preference.sum(-1) - 1).abs() <= SUM_TOLERANCE)  # NaN fails both
         if not silent:
             _refuse(observation, finite, preference, point)
+            sentence = "Observations must keep to what can be measured"
+            require(inside.all(), sentence, lambda: self._outside(observation, inside))
         action = self.actor(observation, preference.expand(*observation.shape[:-1], -1))
         if silent:
-            sound = finite.all(-1) & point & action.isfinite().all(-1)
+            sound = finite.all(-1) & inside.all(-1) & point & action.isfinite().all(-1)
             return torch.where(sound.unsqueeze(-1), action, 0.0)
         require(action.isfinite().all(), "The action must be finite", lambda: f"{action.tolist()} of huge observations")
         return action
+
+    def _outside(self, observation: Tensor, inside: Tensor) -> str:
+        """The first entry that is out of its range."""
+        entry = int((~inside).nonzero()[0, -1])
+        found = observation[~inside][0].item()
+        return f"{found:g} in entry {entry}, which goes from {self.low[entry]:.4g} to {self.high[entry]:.4g}"
 
 
 def _as_tensors(observation: Any, preference: Any) -> tuple[Tensor, Tensor]:

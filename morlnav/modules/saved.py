@@ -141,7 +141,7 @@ def _read(path: str | Path) -> dict[str, Any]:
         content = json.loads(description.read_text(encoding="utf-8"))
         read = {"model": dict(content["model"]), "facts": dict(content["facts"]), "sha256": content.get("sha256")}
         whole = set(content) <= set(read) or content.get(OF_THE_REST) == digest(read)  # the first files had no hash
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise ValueError(f"{description} does not describe a saved module; save it again.") from error
     if "_target_" not in read["model"]:
         raise ValueError(f"{description} was made by morlnav 0.1, which this version does not read; train it again.")

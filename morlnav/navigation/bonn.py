@@ -106,6 +106,8 @@ def read_bonn(
     files = [file for file in sorted(path.glob(pattern)) if not file.name.startswith(skipped)]
     if not files:
         raise FileNotFoundError(f"{path} holds no {pattern}.")
+    if copies := [file for file in files if not file.stem.endswith(tuple(f"_block_{name}" for name in INTERFACES))]:
+        raise ValueError(f"{copies[0]} has no name of this study; is it a copy? Then leave it out.")
     comparisons, numbers, drives = [], {}, []
     for file in files:
         for place, trial, preferred in _answers(file):

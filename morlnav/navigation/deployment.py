@@ -14,6 +14,8 @@ from morlnav.deployment import Policy
 from morlnav.navigation.world import Lidar
 from morlnav.navigation.world.geometry import polar, wrap_angle
 
+LARGEST_ROBOT = 5.0
+"""Metres from a robot's centre beyond which no scanner is mounted."""
 FEW = 3
 """Different readings far beyond ``range_max`` that a scanner may have for no echo."""
 
@@ -55,8 +57,8 @@ class Observer:
         goal_reach: in metres.
 
     Raises:
-        ValueError: for a mount of other than three finite numbers, an angle outside 0 to π, or a reach that is not
-            positive.
+        ValueError: for a mount of other than three finite numbers, or off the robot, an angle outside 0 to π, or a
+            reach that is not positive.
 
     Examples:
         >>> from types import SimpleNamespace
@@ -82,6 +84,11 @@ class Observer:
             raise ValueError(f"human_reach and goal_reach must be positive, got {human_reach} and {goal_reach}.")
         self.lidar, self.observe_human = lidar or Lidar(), observe_human
         self.mount, self.field = _finite("mount", mount, 3), field
+        if self.mount[:2].norm() > LARGEST_ROBOT or self.mount[2].abs() > 2 * math.pi + 0.01:
+            raise ValueError(
+                f"mount must be x and y on the robot in metres, and a yaw in rad, got {self.mount.tolist()}; are these "
+                f"in other units?"
+            )
         self.human_reach, self.goal_reach = human_reach, goal_reach
 
     @classmethod

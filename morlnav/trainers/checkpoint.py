@@ -144,7 +144,7 @@ def verify(path: str | Path) -> None:
         listed = dict(json.loads(text)["files"])
         if text != _listing(listed).encode() or not all(isinstance(entry, dict) for entry in listed.values()):
             raise ValueError
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise CheckpointError(f"{name} is damaged: expected a listing of the checkpoint's files") from error
     found = _hashes(path)
     for file in sorted(listed.keys() | found.keys()):

@@ -55,6 +55,7 @@ def test_both_kinds_of_files_say_the_same(tmp_path, name, text):
         ("a.csv", "first,second,preferred,rater\n0,1,tie,me\n", "nothing else, got first, second, preferred, rater"),
         ("a.csv", "first,second,preferred\n0,1,tie,\n", "line 2 has 4 fields, its header 3"),
         ("a.csv", "first,second,preferred\n0,1,tie\n0,1\n", "line 3 has 2 fields, its header 3"),
+        ("a.jsonl", "[" * 10**5, "line 1 is not readable as JSON"),
         ("a.csv", "first;second;preferred\n0;1;tie\n", "must have first, second, preferred"),
         ("a.csv", "first,second,preferred\n0,1,left\n", "line 2, preferred: expected first, second or tie, got 'left'"),
         ("a.csv", "first,second,preferred\n0,1,\n", "expected first, second or tie, got ''"),

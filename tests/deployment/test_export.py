@@ -76,9 +76,22 @@ def test_an_observation_that_makes_no_sense_is_answered_by_a_stop(policy, export
     observation[1, entry] = value
     action = run(exported, form, observation, preference)
     assert action.isfinite().all()
-    if value != 3e38:  # which may only turn a feature off
-        assert action[1].tolist() == [0, 0]
+    assert action[1].tolist() == [0, 0]
     assert_alike(policy, action[[0, 2]], expected[[0, 2]])
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("entry", "value"), [(0, -1.0), (0, 1e4), (1, 100.0), (2, -5.0), (3, -3.2), (4, -0.1), (33, 4.1), (20, 1e4)]
+)
+def test_an_observation_that_nothing_can_measure_is_answered_by_a_stop(policy, exported, form, entry, value):
+    observation, preference = inputs(policy, 3)
+    observation[1, entry] = value
+    action = run(exported, form, observation, preference)
+    assert action[1].tolist() == [0, 0]
+    assert_alike(policy, action[[0, 2]], policy(observation[[0, 2]], preference[[0, 2]]))
+    with pytest.raises(ValueError, match=f"keep to what can be measured, got {value:g} in entry {entry}, which goes"):
+        policy(observation, preference)
 
 
 @BOTH

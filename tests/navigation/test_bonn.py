@@ -110,6 +110,18 @@ def test_no_code_runs_and_what_is_no_drive_is_named(study, content, words, monke
     assert not (study / "hostile").exists()
 
 
+def test_a_copy_of_the_answers_does_not_count_twice(study):
+    answers = study / "user_feedback_data" / "user_study_results_id_1_block_VR.csv"
+    for name in (" (1)", "_copy", ""):
+        copy = answers.with_name(f"{answers.stem}{name}.csv")
+        copy.write_bytes(answers.read_bytes())
+        if name:
+            with pytest.raises(ValueError, match="has no name of this study; is it a copy"):
+                read_bonn(study)
+            copy.unlink()
+    assert len(read_bonn(study)[0]) == 3
+
+
 def test_what_is_missing_or_unreadable_is_named(study):
     file = study / "dataset_2024" / "Trial_8" / "Query_B_state_action_reward.pkl"
     whole = file.read_bytes()

@@ -248,6 +248,8 @@ def test_what_makes_no_sense_is_refused_in_one_sentence(wrong, sentence):
     [
         ({"mount": (0.1, 0.0)}, "mount must be 3 finite numbers"),
         ({"mount": (0.1, 0.0, NAN)}, "mount must be 3 finite numbers"),
+        ({"mount": (0.1, 0.0, 90.0)}, "x and y on the robot in metres, and a yaw in rad, got .* in other units"),
+        ({"mount": (120.0, 0.0, 0.0)}, "x and y on the robot in metres"),
         ({"field": 90.0}, "field must be an angle from 0 to π, got 90"),
         ({"human_reach": 0.0}, "human_reach and goal_reach must be positive"),
     ],

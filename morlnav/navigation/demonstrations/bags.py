@@ -10,20 +10,17 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from morlnav.navigation.demonstrations.columns import TOPICS, Reading
+from morlnav.navigation.demonstrations.samples import yaw_of
+from morlnav.navigation.demonstrations.scans import things
 from morlnav.navigation.demonstrations.table import Table
 
 POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped")
-PLACES = (*POSES[1:], "geometry_msgs/msg/PointStamped")
+PLACES = (*POSES[1:], "geometry_msgs/msg/PointStamped", "geometry_msgs/msg/PoseArray")
 TF, SCAN = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/LaserScan"
 BASES = ("base_footprint", "base_link")
 MOST_SCANS = 600
-PERSON = (0.1, 0.9)
-"""Least and largest extent of somebody who stands, in metres."""
 
 
 def read_bag(path: Path, reading: Reading) -> tuple[Table, Reading]:
@@ -90,6 +87,11 @@ class _Bag:
             number, place = _changes(*goal)
             which = np.searchsorted(number, time, side="right") - 1
             keep = which >= 0
+            if not keep.any():
+                raise self.refuse(
+                    f"the first goal comes {number[0] - time[-1]:.4g} s after the last pose; are their times of two "
+                    f"clocks? Then give --goal X Y or --goal end"
+                )
             if (~keep).any():
                 self.notes.append(f"{(~keep).sum()} poses before the first goal left out")
             columns |= {"episode": which, "goal_x": place[which, 0], "goal_y": place[which, 1]}
@@ -123,13 +125,15 @@ class _Bag:
     def messages(self, topic: str, every: int = 1) -> Iterator[tuple[float, Any]]:
         """Messages of a topic and their times in seconds: of their headers, or of the recording where these are 0."""
         self.used.add(topic)
-        connections = [c for c in self.reader.connections if c.topic == topic]
+        connections, i = [c for c in self.reader.connections if c.topic == topic], -1
         for i, (connection, stamp, data) in enumerate(self.reader.messages(connections=connections)):
             if i % every == 0:
                 message = self.reader.deserialize(data, connection.msgtype)
                 header = getattr(message, "header", None)
                 told = header.stamp.sec * 10**9 + header.stamp.nanosec if header is not None else 0
                 yield 1e-9 * ((told or stamp) - self.reader.start_time), message
+        if (count := sum(connection.msgcount for connection in connections)) != i + 1:
+            raise ValueError(f"{self.path} is damaged: of {count} messages of {topic} it holds {i + 1}.")
 
     def chosen(self, part: str, topics: Sequence[str], needed: str = "") -> str | None:
         """The topic that is named for a part, or the only one there is."""
@@ -155,12 +159,16 @@ class _Bag:
             return *self.from_tf(topic), topic
         if self.kind(topic) not in POSES:
             raise self.refuse(f"{topic} tells no poses")
-        rows, frame = [], ""
+        rows, frames = [], {}
         for time, message in self.messages(topic):
-            pose, frame = _pose_of(message), message.header.frame_id
-            rows.append((time, pose.position.x, pose.position.y, _yaw(pose.orientation)))
+            pose, q = _pose_of(message), _pose_of(message).orientation
+            frames[message.header.frame_id] = None
+            rows.append((time, pose.position.x, pose.position.y, q.x, q.y, q.z, q.w))
+        if len(frames) > 1:
+            raise self.refuse(f"{topic} tells poses in the frames {', '.join(frames)}; expected one")
         values = np.array(rows)
-        return values[:, 0], values[:, 1:], frame, topic
+        heading = yaw_of(values[:, 3:], lambda row: f"{self.path}, message {row} of {topic}")
+        return values[:, 0], np.column_stack([values[:, 1:3], heading]), next(iter(frames)), topic
 
     def from_tf(self, topic: str) -> tuple[np.ndarray, np.ndarray, str]:
         """Poses of the base, by way of all transforms between it and ``map``, or whatever frame is the first."""
@@ -196,21 +204,24 @@ class _Bag:
             return None
         rows = []
         for time, message in self.messages(topic):
-            if message.header.frame_id.lstrip("/") != frame.lstrip("/"):
+            told = message.header.frame_id
+            if told.lstrip("/") != frame.lstrip("/"):
                 raise self.refuse(
-                    f"the {part} of {topic} is told in the frame {message.header.frame_id}, and the poses in {frame}; "
-                    f"choose poses in the same one with --columns pose=TOPIC, such as /tf, or give --{part} X Y"
+                    f"the {part} of {topic} is told in the frame {told!r}, and the poses in {frame!r}; choose poses in "
+                    f"the same one with --columns pose=TOPIC, such as /tf, or give --{part} X Y"
                 )
-            place = message.point if hasattr(message, "point") else _pose_of(message).position
-            rows.append((time, place.x, place.y))
-        values = np.array(rows)
-        return values[:, 0], values[:, 1:]
+            places = _places_of(message)
+            if len(places) > 1:
+                raise self.refuse(f"{topic} tells {len(places)} places at once; say which with --{part} X Y")
+            rows += [(time, place.x, place.y) for place in places]
+        values = np.array(rows).reshape(-1, 3)
+        return (values[:, 0], values[:, 1:]) if rows else None
 
     def person(self, time: np.ndarray, pose: np.ndarray) -> tuple[float, float]:
         """Where the scans see the one thing of a person's size."""
         topic = self.chosen("scan", self.topics(SCAN), "expected scans to find the human in")
         points = self.points(topic, time, pose)
-        people = [thing for thing in _things(points) if thing is not None]
+        people = list(things(points))
         round_ones = [place for place, is_round in people if is_round] or [place for place, _ in people]
         if len(round_ones) != 1:
             seen = ", ".join(f"({x:.2f}, {y:.2f})" for x, y in round_ones[:8])
@@ -247,6 +258,13 @@ def _pose_of(message: Any) -> Any:
     return message.pose.pose if hasattr(message.pose, "pose") else message.pose
 
 
+def _places_of(message: Any) -> list[Any]:
+    """Points in a message of any of the kinds :data:`PLACES`."""
+    if hasattr(message, "poses"):
+        return [pose.position for pose in message.poses]
+    return [message.point if hasattr(message, "point") else _pose_of(message).position]
+
+
 def _yaw(q: Any) -> float:
     return float(np.arctan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z)))
 
@@ -263,30 +281,3 @@ def _changes(time: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """Times and places ``[K]`` at which a place is another than before."""
     new = np.concatenate([[True], (np.abs(np.diff(place, axis=0)) > 1e-3).any(1)])
     return time[new], place[new]
-
-
-def _things(points: np.ndarray, gap: float = 0.15, cell: float = 0.03) -> Iterator[tuple[np.ndarray, bool]]:
-    """Centres ``[2]`` of clusters of a person's size in points ``[N, 3]``, and whether they are round."""
-    if not len(points):
-        return
-    cells, where = np.unique(np.round(points[:, :2] / cell).astype(int), axis=0, return_inverse=True)
-    pairs = cKDTree(cells * cell).query_pairs(gap, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(cells), len(cells)))
-    count, label = connected_components(graph, directed=False)
-    label = label[where.reshape(-1)]
-    order = np.argsort(label, kind="stable")
-    for cluster in np.split(points[order], np.searchsorted(label[order], np.arange(1, count))):
-        size = np.ptp(cluster[:, :2], axis=0).max()
-        if PERSON[0] <= size <= PERSON[1] and len(cluster) >= 20 and len(np.unique(cluster[:, 2])) >= 5:
-            yield _circle(cluster[:, :2])
-
-
-def _circle(points: np.ndarray) -> tuple[np.ndarray, bool]:
-    """The centre ``[2]`` of a circle through points ``[N, 2]``, or of their extent where they lie on none."""
-    matrix = np.column_stack([2 * points, np.ones(len(points))])
-    x, y, rest = np.linalg.lstsq(matrix, (points**2).sum(1), rcond=None)[0]
-    radius = np.sqrt(max(rest + x * x + y * y, 0.0))
-    off = np.std(np.hypot(points[:, 0] - x, points[:, 1] - y))
-    if 0.08 <= radius <= 0.6 and off < 0.1 * radius:
-        return np.array([x, y]), True
-    return (points.max(0) + points.min(0)) / 2, False

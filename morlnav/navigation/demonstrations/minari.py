@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +16,7 @@ from morlnav.navigation.registration import ENV_ID
 from morlnav.navigation.world import TensorWorld, World
 
 ENDS = ("goal", "human", "box")
+NAME = re.compile(r"([\w-]+/)*[\w-]+-v\d+", re.ASCII)
 
 
 def to_minari(data: TensorDict, name: str, world: World | None = None, **about: Any) -> None:
@@ -39,8 +42,9 @@ def to_minari(data: TensorDict, name: str, world: World | None = None, **about: 
     from morlnav.navigation.envs.gym import _spaces
 
     world = world or TensorWorld()
+    is_there = _is_there(minari, name)
     check_drives(data, name, world)
-    if name in minari.list_local_datasets():
+    if is_there:
         raise ValueError(f"There is a Minari data set {name} already; choose another name, such as the next version.")
     buffers = []
     for number in data["episode"].unique().tolist():
@@ -86,27 +90,55 @@ def from_minari(name: str, world: World | None = None, tell: Callable[[str], Non
             another world.
     """
     minari, world = _minari(), world or TensorWorld()
-    if name not in minari.list_local_datasets():
+    if not _is_there(minari, name):
         raise ValueError(f"There is no local Minari data set {name}; minari download {name} may fetch it.")
-    episodes, left = [], 0
-    for episode in minari.load_dataset(name).iterate_episodes():
-        missing = [key for key in ("pose", "scene", *ENDS) if key not in (episode.infos or {})]
-        if missing:
-            raise ValueError(
-                f"The Minari data set {name} keeps no {missing[0]} in its infos; collect with "
-                f"DataCollector(env, record_infos=True) from {ENV_ID}."
-            )
-        if episode.infos["goal"][-1]:
-            episodes.append(_demonstration(episode, len(episodes)))
-        else:
-            left += 1
+    episodes, left, missing = [], 0, []
+    try:
+        for episode in minari.load_dataset(name).iterate_episodes():
+            if missing := [key for key in ("pose", "scene", *ENDS) if key not in (episode.infos or {})]:
+                break
+            if episode.infos["goal"][-1]:
+                episodes.append(_demonstration(episode, len(episodes)))
+            else:
+                left += 1
+    except Exception as error:  # of the many kinds that damaged storage raises
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ValueError(f"The Minari data set {name} is damaged: {what}") from error
+    if missing:
+        raise ValueError(
+            f"The Minari data set {name} keeps no {missing[0]} in its infos; collect with "
+            f"DataCollector(env, record_infos=True) from {ENV_ID}."
+        )
     if not episodes:
         raise ValueError(f"Of the {left} episodes of the Minari data set {name}, none reaches the goal.")
     data = join_demonstrations(episodes)
+    if wrong := [key for key, value in data.items(True, True) if not value.isfinite().all()]:
+        raise ValueError(f"The Minari data set {name} is damaged: its {wrong[0]} is not finite.")
     check_drives(data, f"the Minari data set {name}", world)
     kept = f"{len(episodes)} episodes of {len(data) * world.step_time:.1f} s"
     tell(f"{name}: {kept}, {data['action'][:, 0].mean():.2f} m/s on average; {left} that do not arrive left out.")
     return data
+
+
+def _is_there(minari: Any, name: str) -> bool:
+    """Whether there is a local data set of this name.
+
+    Raises:
+        ValueError: for a name that none can have, for a damaged one, or if Minari stumbles over another one.
+    """
+    from minari.storage import get_dataset_path
+
+    if not NAME.fullmatch(name):
+        raise ValueError(f"A Minari data set has a name such as navigation/mine-v0, with a version, got {name!r}.")
+    try:
+        with warnings.catch_warnings(action="ignore"):  # of other data sets that are damaged
+            is_listed = name in minari.list_local_datasets()
+    except Exception as error:
+        what = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise ValueError(f"The local Minari data sets cannot be listed, for one is damaged: {what}") from error
+    if not is_listed and (folder := get_dataset_path(name)).exists():
+        raise ValueError(f"The Minari data set {name} is damaged: what lies in {folder} is none.")
+    return is_listed
 
 
 def _demonstration(episode: Any, number: int) -> TensorDict:

@@ -7,8 +7,10 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from morlnav.navigation.demonstrations.columns import Columns, Reading
+from morlnav.navigation.demonstrations.names import UNITS
 
 if TYPE_CHECKING:
     from morlnav.navigation.demonstrations.trajectory_file import Trajectories
@@ -17,10 +19,13 @@ LONG_STEP = 2.0
 """Seconds between samples that no recording has."""
 FURTHEST = 500.0
 """Metres from one end of a drive to the other that no demonstration has."""
-TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "km": 1e3}
-WORDS = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "min": "minutes", "h": "hours", "d": "days",
-         "cm": "centimetres", "mm": "millimetres", "km": "kilometres"}  # fmt: skip
+TIMES = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "min": "minutes",
+         "h": "hours", "d": "days", "cs": "hundredths of a second"}  # fmt: skip
+LENGTHS = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "km": "kilometres", "dm": "decimetres",
+           "in": "inches", "ft": "feet"}  # fmt: skip
+RARE = {"cs", "dm", "in", "ft"}
+FASTEST = 3.0
+"""Metres per second that some robot may drive."""
 
 
 def check_times(file: Trajectories, number: int, reading: Reading) -> None:
@@ -90,33 +95,21 @@ def check_units(file: Trajectories, columns: Columns, max_speed: float, max_gap:
         max_gap: longest time between samples that was allowed.
     """
     step, speed = _speeds(file)
-    is_pose = file.kind == "pose"
+    is_pose, label = file.kind == "pose", columns.name.get("time", "time")
+    _check_seconds(file, columns, label)
     reach = max(np.ptp(file.samples[file.rows(number), :2], axis=0).max() for number in range(len(file.names)))
     slow, fast = 0.02, 1.5 * max_speed
     can_be_so = not is_pose or (slow <= speed <= fast and reach <= FURTHEST)
     if np.isnan(speed) or (can_be_so and step <= max(LONG_STEP, max_gap or 0)):
         return
-    time_label = columns.name.get("time", "time")
     found = f"rows lie {step:.3g} s apart" + f" and the robot drives {speed:.2g} m/s" * is_pose
-    possible = {}
-    for time, length in product(TIMES, LENGTHS if is_pose else ("m",)):
-        factor, apart = LENGTHS[length], step * TIMES[time]
-        guess = speed * factor / TIMES[time] if is_pose else 0.7 * max_speed
-        can_be = 5e-4 <= apart <= LONG_STEP and reach * factor <= FURTHEST and (time, length) != ("s", "m")
-        if can_be and slow <= guess <= fast and (TIMES[time] <= 1 or speed > 10):
-            rare = (time != "s") + (length != "m") + 2 * (apart < 4e-3)
-            possible[time, length] = abs(np.log(guess / (0.7 * max_speed))) + rare
     if can_be_so and is_pose:
         raise ValueError(
             f"{file.path}: {found}; what lies between them is not told, expected at most {LONG_STEP:g} s; allow it "
             f"with --max-gap {np.ceil(step):g}."
         )
-    if possible:
-        time, length = min(possible, key=possible.get)
-        asks = [f"is {time_label} in {WORDS[time]}?"] if time != "s" else []
-        asks += [f"are lengths in {WORDS[length]}?"] if length != "m" else []
-        units = [f"time={time}"] * (time != "s") + [f"length={length}"] * (length != "m")
-        raise ValueError(f"{file.path}: {found}; {' and '.join(asks)} Then: --units {' '.join(units)}.")
+    if guess := _guess_units(columns, label, step, speed if is_pose else None, reach, max_speed):
+        raise ValueError(f"{file.path}: {found}; {guess}")
     if is_pose and 0 < reach < 0.05:
         raise ValueError(
             f"{file.path}: {found}, {reach:.1g} m in all; are these degrees of latitude and longitude? They have to "
@@ -126,6 +119,50 @@ def check_units(file: Trajectories, columns: Columns, max_speed: float, max_gap:
         raise ValueError(
             f"{file.path}: {found}, and the robot can {max_speed:g} m/s; set env.world.robot.max_speed=NUMBER for a "
             f"faster one, or --units if lengths or times are in others."
+        )
+
+
+def _guess_units(
+    columns: Columns, label: str, step: float, speed: float | None, reach: float, max_speed: float
+) -> str | None:
+    """In which other units times and lengths would be those of a drive; ``speed`` is ``None`` for actions."""
+    told = [UNITS[of].get(columns.unit(name), 1.0) for of, name in (("time", "time"), ("length", "x"))]
+    scores = {}
+    for time, length in product(TIMES, LENGTHS if speed is not None else ("m",)):
+        seconds, metres = UNITS["time"][time] / told[0], UNITS["length"][length] / told[1]
+        same, driven = (seconds == 1, metres == 1), 0.7 * max_speed if speed is None else speed * metres / seconds
+        if all(same) or not (5e-4 <= step * seconds <= LONG_STEP and 0.02 <= driven <= 1.5 * max_speed):
+            continue
+        rare = len({time, length} & RARE)
+        if reach * metres > FURTHEST or (seconds > 1 and not (speed or 0) > 10) or (rare and not any(same)):
+            continue
+        if same[1] or not rare or (speed or 0) > FASTEST:  # a robot may as well be fast as tell feet
+            usual = abs(np.log(driven / (0.7 * max_speed))) + 2 * (step * seconds < 4e-3) + rare / 2
+            scores[time, length] = usual + (not same[0]) + (not same[1])
+    if not scores:
+        return None
+    time, length = best = min(scores, key=scores.get)
+    lengths = [unit for when, unit in scores if when == time and scores[when, unit] < scores[best] + 0.8]
+    lengths.sort(key=lambda unit: scores[time, unit])
+    asks, units = [], []
+    if UNITS["time"][time] != told[0]:
+        asks, units = [f"is {label} in {TIMES[time]}?"], [f"time={time}"]
+    if UNITS["length"][length] != told[1]:
+        asks.append(f"are lengths in {' or '.join(LENGTHS[unit] for unit in lengths)}?")
+        units.append(" or ".join(f"length={unit}" for unit in lengths))
+    return f"{' and '.join(asks)} Then: --units {' '.join(units)}."
+
+
+def _check_seconds(file: Trajectories, columns: Columns, label: str) -> None:
+    """Times are not numbers of rows, which lie 1 apart."""
+    steps = np.concatenate([np.diff(file.time[file.rows(number)]) for number in range(len(file.names))])
+    cells = columns.table.columns.get(label)
+    if len(steps) < 10 or cells is None or columns.unit("time") or not (steps == 1).all():
+        return
+    if pd.to_numeric(cells, errors="coerce").notna().all():
+        raise ValueError(
+            f"{file.path}: rows lie 1 s apart; is {label} their number? Then: --columns frame={label} --rate NUMBER; "
+            f"if not: --units time=s."
         )
 
 
@@ -145,84 +182,57 @@ def courses(file: Trajectories, chord: float = 0.2) -> tuple[np.ndarray, np.ndar
     return begin, end, np.arctan2(ahead[:, 1], ahead[:, 0])
 
 
-GUESSES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "is it in degrees? Then: --units heading=deg": np.deg2rad,
-    "does it count clockwise? Then: --heading clockwise": np.negative,
-    "is it a compass's, clockwise from the y axis? Then: --heading compass": lambda h: np.pi / 2 - h,
-    "does it drive backwards, which ours cannot? If only its heading is turned: --heading motion": lambda h: h + np.pi,
-    "is it counted from the y axis? Then: --heading motion": lambda h: h + np.pi / 2,
-    "is it counted from the -y axis? Then: --heading motion": lambda h: h - np.pi / 2,
-    "is it in degrees, clockwise? Then: --units heading=deg --heading clockwise": lambda h: -np.deg2rad(h),
-    "is it a compass's, in degrees? Then: --units heading=deg --heading compass": lambda h: np.pi / 2 - np.deg2rad(h),
-}
+ANGLES = {"rad": "radians", "deg": "degrees", "pi": "half turns", "turn": "turns", "gon": "gon", "mrad": "milliradians",
+          "cdeg": "hundredths of a degree"}  # fmt: skip
+DIRECTIONS: tuple[tuple[str, str, Callable[[np.ndarray], np.ndarray]], ...] = (
+    ("does it count counter-clockwise", "", lambda h: h),
+    ("does it count clockwise", "clockwise", np.negative),
+    ("is it a compass's, clockwise from the y axis", "compass", lambda h: np.pi / 2 - h),
+    ("does it drive backwards, which ours cannot, or is it just turned", "motion", lambda h: h + np.pi),
+    ("is it counted from the y axis", "motion", lambda h: h + np.pi / 2),
+    ("is it counted from the -y axis", "motion", lambda h: h - np.pi / 2),
+)
+"""What to ask about headings, the option that says so, and what they are then."""
 
 
 def check_heading(file: Trajectories, columns: Columns) -> None:
     """The robot drives where it looks; else say how its heading may be meant."""
-    (begin, end, course), heading = courses(file), file.samples[:, 2]
-    if len(begin) < 3:
+    begin, end, course = courses(file)
+    how, told = columns.reading.heading or "", columns.unit("heading") or "rad"
+    if len(begin) < 3 or how == "motion":
         return
+    now = next(direction for direction in DIRECTIONS if direction[1] == how)
+    plain = now[2](file.samples[:, 2]) / UNITS["angle"][told]  # each direction undoes itself
 
-    def off(angles: np.ndarray) -> float:
-        turned = angles[begin] + _wrap(angles[end] - angles[begin]) / 2 - course
-        return float(np.median(np.abs(_wrap(turned))))
+    def off(unit: str, meant: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        angle = meant(plain * UNITS["angle"][unit])
+        turned = angle[begin] + _wrap(angle[end] - angle[begin]) / 2 - course
+        return np.quantile(np.abs(_wrap(turned)), [0.5, 0.9])
 
-    here = off(heading)
-    best = min(GUESSES, key=lambda guess: off(GUESSES[guess](heading)))
-    then = off(GUESSES[best](heading))
-    bends = np.quantile(np.abs(_wrap(course - course[0])), 0.9)
-    if here > 0.08 and np.ptp(heading[begin]) < 0.02 and bends > 0.3:
-        best, then = "it never changes, though the drive bends; is it of no use? Then: --heading motion", 0.0
-    if (here > 0.08 and then < here / 4) or (here > 0.6 and then < 0.3):
-        label = columns.name.get("heading", "the quaternion")
-        raise ValueError(
-            f"{file.path}, column {label}: the robot would look {here:.2f} rad away from where it drives; {best}."
-        )
+    units = ANGLES if "heading" in columns else [told]
+    ways = {(unit, way): off(unit, way[2]) for unit, way in product(units, DIRECTIONS) if (unit, way) != (told, now)}
+    least = min(then.sum() for then in ways.values())  # of several that fit the usual one comes first
+    (unit, way), then = next(found for found in ways.items() if found[1].sum() <= least + 0.03)
+    here, bends = off(told, now[2]), np.quantile(np.abs(_wrap(course - course[0])), 0.9)
+    if here[0] > 0.08 and np.ptp(file.samples[begin, 2]) < 0.02 and bends > 0.3:
+        guess = "it never changes, though the drive bends; is it of no use? Then: --heading motion"
+    elif ((here > [0.08, 0.2]) & (then < here / 4)).any() or (here[0] > 0.6 and then[0] < 0.3):
+        guess = _guess_heading("" if unit == told else unit, None if way[1] == how else way[0], way[1])
+    else:
+        return
+    label = columns.name.get("heading", "the quaternion")
+    raise ValueError(
+        f"{file.path}, column {label}: the robot would look {here.max():.2f} rad away from where it drives; {guess}."
+    )
+
+
+def _guess_heading(unit: str, question: str | None, option: str) -> str:
+    asks = [f"is it in {ANGLES[unit]}"] if unit else []
+    asks += [question] if question else []
+    options = [f"--units heading={unit}"] if unit and option != "motion" else []
+    options += [f"--heading {option}"] if option else []
+    return f"{' and '.join(asks)}? Then: {' '.join(options) or 'leave --heading out'}"
 
 
 def _wrap(angle: np.ndarray) -> np.ndarray:
     return (angle + np.pi) % (2 * np.pi) - np.pi
-
-
-def check_angles(file: Trajectories, columns: Columns) -> None:
-    """Angles of boxes and starts are in radians."""
-    angles = {f"box{i + 1}_angle": file.scene["boxes"][:, i, 4] for i in range(file.scene["boxes"].shape[1])}
-    if "start" in file.scene:
-        angles["start_heading"] = file.scene["start"][:, 2]
-    for name, values in angles.items():
-        largest = np.nanmax(np.abs(values), initial=0)
-        if largest > 2 * np.pi + 0.01 and not columns.unit_is_told(name):
-            raise ValueError(
-                f"{file.path}, column {columns.name.get(name, name)}: expected an angle in radians, got {largest:g}; "
-                f"is it in degrees? Then: --units angle=deg."
-            )
-
-
-def check_distances(file: Trajectories, columns: Columns) -> None:
-    """Goal, human and boxes lie where the robot drives; else say in which unit they may be."""
-    if file.kind == "action":
-        return
-    for name, part in (("goal", "goal_x"), ("human", "human_x"), ("boxes", "box1_x")):
-        far = {}
-        for number in range(len(file.names)):
-            places, drive = file.scene[name][number].reshape(-1, file.scene[name].shape[-1])[:, :2], file.samples[:, :2]
-            drive = drive[file.rows(number)]
-            reach = np.ptp(drive, axis=0).max() + 20
-            away = np.linalg.norm(places - drive.mean(0), axis=-1)
-            if not (away > reach).any() or (name == "boxes" and not (away < 900).any()):
-                continue
-            beside, guess = drive[-1] if name == "goal" else drive.mean(0), "is it in another frame than the robot?"
-            guesses = {unit: np.linalg.norm(places * LENGTHS[unit] - beside, axis=-1).max() for unit in ("cm", "mm")}
-            unit = min(guesses, key=guesses.get)
-            given = name != "boxes" and getattr(columns.reading, name) is not None
-            if guesses[unit] <= reach and not columns.unit_is_told(part) and not given:
-                guess = f"is it in {unit}? Then: --units {part}={unit} {part[:-1]}y={unit}"
-            label, what = columns.name.get(part, part), "a box" if name == "boxes" else name
-            far[number] = (
-                f"{f'--{name}' if given else f'column {label}'}: {what} of episode {file.names[number]} lies "
-                f"{np.nanmax(away):.4g} m from the drive; {guess}"
-            )
-        if len(far) == len(file.names):  # a matter of the file
-            raise ValueError(f"{file.path}, {far[0]}")
-        for number, problem in far.items():
-            file.problems.setdefault(number, problem)

@@ -18,6 +18,7 @@ from morlnav.navigation.demonstrations.folder import (
     load_demonstrations,
 )
 from morlnav.navigation.demonstrations.record import OpenLoop, hide_human, keep_successes, roll_out
+from morlnav.navigation.demonstrations.repeats import repeats
 from morlnav.navigation.envs import NavigationEnv
 from morlnav.navigation.world import Scene, TensorWorld, World
 from morlnav.navigation.world.geometry import distance_to_box, to_frame
@@ -59,6 +60,8 @@ def recorded_demonstrations(
         raise ValueError(f"The demonstrations in {path} have changed since this run was configured.")
     parts = [_of_this_world(one, world) for one in ([path] if isinstance(path, str | Path) else path)]
     data = join_demonstrations(parts) if len(parts) > 1 else parts[0]
+    if again := repeats(parts):
+        raise ValueError(f"{', '.join(map(str, path))} hold {len(again)} drives twice; name each folder once.")
     tries = int(data["episode"].unique().numel())
     if num is not None:
         data, tries = replay_demonstrations(data, sampler, num, world=world, seed=seed, num_envs=num_envs)

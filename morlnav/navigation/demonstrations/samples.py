@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,8 @@ RATES = re.compile(
     r"(d_?t|delta_?t|(time_?)?step(_?time)?|time_?step|period|interval)|(sampl\w*_?)?(rate|freq\w*)|fps|hz"
 )
 """Names of what may tell the time between samples, or else how many there are in a second."""
+WXYZ = [1, 2, 3, 0]
+"""Places of x, y, z and w where w stands first."""
 LEAN = 0.15
 """Half of how much a robot on wheels leans at most, in rad."""
 
@@ -107,28 +110,42 @@ def headings(columns: Columns, notes: list[str]) -> np.ndarray | None:
 
 
 def _yaw(columns: Columns, parts: tuple[str, ...]) -> np.ndarray:
-    """Headings ``[N]`` of the quaternions of a robot that stands upright."""
+    """Headings ``[N]`` of quaternions in columns."""
     table, quaternion = columns.table, np.stack([columns[part] for part in parts], 1)
+    where = f"columns {', '.join(parts)}"
+    quaternion = np.pad(quaternion, ((0, 0), (4 - len(parts), 0)))
+    if parts[0] == "q0" and _lean(quaternion[:, WXYZ]) < _lean(quaternion):
+        quaternion = quaternion[:, WXYZ]
+    return yaw_of(quaternion, lambda row: f"{table.path}, {f'{table.at(row)}, ' if row is not None else ''}{where}")
+
+
+def yaw_of(quaternion: np.ndarray, place: Callable[[int | None], str]) -> np.ndarray:
+    """Headings ``[N]`` of the orientations of a robot that stands upright.
+
+    Args:
+        quaternion: x, y, z, w, ``[N, 4]``.
+        place: of a sample, or of all for ``None``, for messages.
+
+    Raises:
+        ValueError: for quaternions of a robot that would lean, or of another length than 1.
+
+    Examples:
+        >>> yaw_of(np.array([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]]), str).round(2).tolist()
+        [0.0, 3.14]
+    """
     size = np.linalg.norm(quaternion, axis=1)
     wrong = ~(np.abs(size - 1) < 0.05)
     if wrong.any():
         row = int(wrong.argmax())
-        raise ValueError(
-            f"{table.path}, {table.at(row)}, columns {', '.join(parts)}: expected a quaternion of length 1, got "
-            f"length {size[row]:.3g}."
-        )
-    quaternion = np.pad(quaternion / size[:, None], ((0, 0), (4 - len(parts), 0)))
-    orders = {"x, y, z, w": [3, 0, 1, 2], "w, x, y, z": [1, 2, 3, 0]}
+        raise ValueError(f"{place(row)}: expected a quaternion of length 1, got length {size[row]:.3g}.")
+    quaternion = quaternion / size[:, None]
+    orders = {"x, y, z, w": [3, 0, 1, 2], "w, x, y, z": WXYZ}
     here, lean = _lean(quaternion), {order: _lean(quaternion[:, places]) for order, places in orders.items()}
     likely = min(lean, key=lean.get)
-    if parts[0] == "q0":
-        quaternion = quaternion if here <= lean["w, x, y, z"] else quaternion[:, orders["w, x, y, z"]]
-    elif here > LEAN or (here > 0.05 and lean[likely] < here / 5):
+    if here > LEAN or (here > 0.05 and lean[likely] < here / 5):
         guess = "is it of another body, or is another axis up?"
         guess = f"are its cells in the order {likely}?" if lean[likely] < here / 2 else guess
-        raise ValueError(
-            f"{table.path}, columns {', '.join(parts)}: the robot would lean by {2 * here:.2f} rad; {guess}"
-        )
+        raise ValueError(f"{place(None)}: the robot would lean by {2 * here:.2f} rad; {guess}")
     x, y, z, w = quaternion.T
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 

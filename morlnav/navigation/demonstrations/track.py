@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +12,14 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from morlnav.navigation.demonstrations.folder import ABSENT
+from morlnav.navigation.demonstrations.names import UNITS
 from morlnav.navigation.demonstrations.trajectory_file import COLUMNS, Trajectories
 from morlnav.navigation.world import DifferentialDrive, Scene, World
 from morlnav.navigation.world.geometry import wrap_angle
 
 SMOOTHED = 1.0
 """Seconds over which poses are smoothed that jitter by more than ``JITTER``."""
+SPEEDS = ("cm/s", "mm/s", "km/h")
 JITTER = (0.004, 0.02)
 """Metres and radians, between a drive that bends and a sensor that trembles."""
 
@@ -72,7 +75,8 @@ def track(file: Trajectories, number: int, world: World) -> Track:
         wrong = ((action < low - 1e-4) | (action > high + 1e-4)).nonzero()
         if len(wrong):
             sample, entry = wrong[0].tolist()
-            guess = "; is it in degrees? Then: --units omega=deg/s" if entry else ""
+            guess = _unit_of(action[:, entry].abs().max().item(), high[entry].item(), ("deg/s",) if entry else SPEEDS)
+            guess = f"; is it in {guess}? Then: --units {COLUMNS['action'][entry]}={guess}" if guess else ""
             raise ValueError(
                 f"{file.table.at(rows[sample])}, column {COLUMNS['action'][entry]}: expected {low[entry]:g} to "
                 f"{high[entry]:.4g}, got {action[sample, entry]:g}{guess}"
@@ -92,6 +96,13 @@ def track(file: Trajectories, number: int, world: World) -> Track:
         action = world.robot.action_between(pose[:-1], pose[1:], duration)
     scene = _scene(file, number, pose[0], world)
     return Track(pose.float(), action.float(), duration.float(), rows, jitter, scene)
+
+
+def _unit_of(largest: float, limit: float, units: Sequence[str]) -> str | None:
+    """The unit in which an action's largest entry fits the robot best, if any of these does."""
+    factors = UNITS["speed"] | UNITS["turn"]
+    fitting = [unit for unit in units if 0.01 * limit < largest * factors[unit] <= 1.01 * limit]
+    return max(fitting, key=factors.get, default=None)
 
 
 def _between(

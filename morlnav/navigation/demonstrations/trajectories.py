@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from torch.nn.utils.rnn import pad_sequence
 from morlnav.navigation.demonstrations.columns import Reading
 from morlnav.navigation.demonstrations.folder import join_demonstrations
 from morlnav.navigation.demonstrations.record import OpenLoop, roll_out, successes
+from morlnav.navigation.demonstrations.repeats import repeats
 from morlnav.navigation.demonstrations.track import Track, track
 from morlnav.navigation.demonstrations.trajectory_file import Trajectories, read_trajectories
 from morlnav.navigation.envs import NavigationEnv, Objective
@@ -85,18 +87,19 @@ def import_demonstrations(
     if tolerance is not None and not 0 < tolerance < np.inf:
         raise ValueError(f"tolerance must be positive, got {tolerance}.")
     paths = [Path(each) for each in ([path] if isinstance(path, str | Path) else path)]
-    parts = []
+    parts: list[tuple[Path, TensorDict]] = []
     for i, each in enumerate(paths):
-        if each.resolve() in [other.resolve() for other in paths[:i]]:
+        if os.path.realpath(each) in map(os.path.realpath, paths[:i]):
             raise ValueError(f"{each} is named twice.")
         file = read_trajectories(each, reading, getattr(world.robot, "max_speed", np.inf))
         if file.kind == "action" and tolerance is not None:
             raise ValueError(f"{each} holds actions, which are driven as they are; leave the tolerance out.")
         drives = _drive_again(file, world, objectives, 0.2 if tolerance is None else tolerance)
+        drives = _without_repeats(file, drives, parts)
         _refuse(file, good_only)
-        parts.append(join_demonstrations([drive.data for drive in drives]))
+        parts += [(each, drive.data) for drive in drives]
         tell(_told(file, drives, world))
-    return parts[0] if len(parts) == 1 else join_demonstrations(parts)
+    return join_demonstrations([data for _, data in parts])
 
 
 def _drive_again(
@@ -128,6 +131,19 @@ def _drive_again(
         with file.concerning(number):
             drives.append(_checked(file, number, episodes[i, driven[i]], bool(reached[i]), each, tolerance, world))
     return drives
+
+
+def _without_repeats(file: Trajectories, drives: list[Track], before: list[tuple[Path, TensorDict]]) -> list[Track]:
+    """The drives that no earlier file holds; the others are noted in this one."""
+    new = [drive.data for drive in drives]
+    if same := len(repeats(new)) if new else 0:
+        file.notes.append(f"{same} episode{'s drive' if same > 1 else ' drives'} as others of them do")
+    again = repeats([*(data for _, data in before), join_demonstrations(new)]) if before and new else {}
+    for later, earlier in again.items():
+        number = int(new[later - len(before)]["episode"][0])
+        where = f"episode {file.names[number]} is one of {before[earlier][0]} again, the same drive and scene"
+        file.problems.setdefault(number, where)
+    return [drive for i, drive in enumerate(drives) if i + len(before) not in again]
 
 
 def _refuse(file: Trajectories, good_only: bool) -> None:

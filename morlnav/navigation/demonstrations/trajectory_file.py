@@ -12,17 +12,13 @@ import numpy as np
 import pandas as pd
 
 from morlnav.navigation.demonstrations.arrays import BOX
-from morlnav.navigation.demonstrations.columns import TOPICS, Columns, Reading, one_track, with_poses
-from morlnav.navigation.demonstrations.plausible import (
-    check_angles,
-    check_distances,
-    check_heading,
-    check_times,
-    check_units,
-    courses,
-)
+from morlnav.navigation.demonstrations.columns import TOPICS, Columns, Reading
+from morlnav.navigation.demonstrations.plausible import check_heading, check_times, check_units, courses
+from morlnav.navigation.demonstrations.plausible_scene import check_angles, check_distances, check_sizes
+from morlnav.navigation.demonstrations.rows import one_track, with_poses
 from morlnav.navigation.demonstrations.samples import headings, times
-from morlnav.navigation.demonstrations.table import Table, read_table
+from morlnav.navigation.demonstrations.table import Table
+from morlnav.navigation.demonstrations.tables import read_table
 
 COLUMNS = {"pose": ("x", "y", "heading"), "action": ("v", "omega")}
 SCENE_COLUMNS = {
@@ -171,6 +167,7 @@ class _Reader:
             if reading.goal == "end":
                 scene["goal"] = np.stack([file.samples[file.rows(number)[-1], :2] for number in range(len(names))])
         check_angles(file, columns)
+        check_sizes(file, columns)
         check_distances(file, columns)
         file = _near_the_origin(file)
         for name in ("goal", "human"):

@@ -33,6 +33,8 @@ class NavigationFeatures(nn.Module):
         torch.Size([5, 24])
     """
 
+    furthest = 1000.0
+    """Metres beyond which no goal and no human is."""
     longest = 16.0
     """Longest wavelength of the Fourier features in metres."""
 
@@ -60,6 +62,17 @@ class NavigationFeatures(nn.Module):
         return {
             name: getattr(self, name) for name in ("observe_human", "lidar_range", "sectors", "use_lidar", "octaves")
         }
+
+    def bounds(self) -> tuple[Tensor, Tensor]:
+        """Least and largest entries of an observation ``[D]`` that can be measured; policies refuse others.
+
+        >>> low, high = NavigationFeatures().bounds()
+        >>> low[:5].round(decimals=2).tolist(), high[[0, 4]].tolist()
+        ([0.0, -3.140000104904175, 0.0, -3.140000104904175, 0.0], [1000.0, 4.0])
+        """
+        seen = 1 + self.observe_human
+        low = torch.tensor([*(0.0, -math.pi) * seen, *[0.0] * self.sectors])
+        return low, torch.tensor([*(self.furthest, math.pi) * seen, *[self.lidar_range] * self.sectors])
 
     def forward(self, observation: Tensor) -> Tensor:
         """Map observations in metres and radians to features.

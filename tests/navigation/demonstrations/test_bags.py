@@ -1,5 +1,6 @@
 """Bags as robots record them: ten minutes between two places, past somebody who stands there."""
 
+import itertools
 import shlex
 import shutil
 import sys
@@ -53,8 +54,10 @@ def driven():
     return patrol()
 
 
-def write_bag(path, driven, version=2, topics=("odom", "goal", "scan"), seconds=600.0, human_at=HUMAN, **how):
-    """A bag with 50 Hz odometry or tf, 10 Hz scans and goals."""
+def write_bag(
+    path, driven, version=2, topics=("odom", "goal", "scan"), seconds=600.0, human_at=HUMAN, change=None, **how
+):
+    """A bag with 50 Hz odometry or tf, 10 Hz scans and goals; ``change(topic, number, message)`` may spoil messages."""
     store, (poses, _, goals) = STORES[version], driven
     types = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
     types["Time"] = store.types["builtin_interfaces/msg/Time"]
@@ -83,13 +86,21 @@ def write_bag(path, driven, version=2, topics=("odom", "goal", "scan"), seconds=
 
         def channel(topic, kind):
             connection = writer.add_connection(topic, kind, typestore=store)
-            encode = store.serialize_ros1 if version == 1 else store.serialize_cdr
-            return lambda stamp, message: writer.write(connection, stamp, encode(message, kind))
+            encode, number = store.serialize_ros1 if version == 1 else store.serialize_cdr, itertools.count()
+
+            def send(stamp, message):
+                if change is not None:
+                    message = change(topic, next(number), message)
+                if message is not None:
+                    writer.write(connection, stamp, encode(message, kind))
+
+            return send
 
         kinds = {"odom": ("/odom", "nav_msgs/msg/Odometry"), "tf": ("/tf", "tf2_msgs/msg/TFMessage"),
                  "scan": ("/scan", "sensor_msgs/msg/LaserScan"),
                  "goal": ("/goal_pose", "geometry_msgs/msg/PoseStamped"),
-                 "person": ("/person", "geometry_msgs/msg/PointStamped")}  # fmt: skip
+                 "person": ("/person", "geometry_msgs/msg/PointStamped"),
+                 "people": ("/people", "geometry_msgs/msg/PoseArray")}  # fmt: skip
         send = {name: channel(*kinds[name]) for name in topics}
         starts, every = dict(goals), RATE // 10
         here, box = torch.tensor(poses[:count:every]).float(), torch.tensor([[3.0, 4.0, 6.0, 0.1, 0.0]])
@@ -112,6 +123,9 @@ def write_bag(path, driven, version=2, topics=("odom", "goal", "scan"), seconds=
             if "person" in send and i % 10 == 0:
                 there = types["Point"](x=human_at[0] + 0.01 * (-1) ** i, y=human_at[1], z=0.0)
                 send["person"](stamp, types["PointStamped"](header=header(stamp, "odom"), point=there))
+            if "people" in send and i % 10 == 0:
+                there = [pose_of(*human_at, 0.0)] * (i % 20 == 0)  # nobody is seen at times
+                send["people"](stamp, types["PoseArray"](header=header(stamp, "odom"), poses=there))
             if "scan" in send and i % every == 0:
                 ranges = scans[i // every]
                 message = {"angle_min": -np.pi, "angle_max": np.pi, "angle_increment": 2 * np.pi / 180}
@@ -168,8 +182,9 @@ def test_other_bags_tell_the_same(how, driven, tmp_path):
     assert np.allclose(file.scene["human"][0], turn @ HUMAN + shift, atol=0.02)
 
 
-def test_people_may_have_a_topic_of_their_own(driven, tmp_path):
-    write_bag(tmp_path / "bag", driven, topics=("odom", "goal", "person"), seconds=20.0)
+@pytest.mark.parametrize("topic", ["person", "people"])
+def test_people_may_have_a_topic_of_their_own(topic, driven, tmp_path):
+    write_bag(tmp_path / "bag", driven, topics=("odom", "goal", topic), seconds=20.0)
     file = read_trajectories(tmp_path / "bag")
     assert np.allclose(file.scene["human"], HUMAN, atol=0.011)
     assert file.rows(0)[0] == 0
@@ -189,7 +204,7 @@ def test_what_a_bag_does_not_tell_is_asked_for(driven, tmp_path):
     with pytest.raises(ValueError, match=r"show nothing of a person's size; say where the human stands with --human"):
         read_trajectories(tmp_path / "far", Reading(goal="end"))
     write_bag(tmp_path / "tf", driven, topics=("tf", "goal"), seconds=2.0)
-    with pytest.raises(ValueError, match=r"goal of /goal_pose is told in the frame odom, and the poses in map"):
+    with pytest.raises(ValueError, match=r"goal of /goal_pose is told in the frame 'odom', and the poses in 'map'"):
         read_trajectories(tmp_path / "tf")
     (tmp_path / "bad.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
     (tmp_path / "torn").mkdir()
@@ -208,3 +223,97 @@ def test_what_a_bag_does_not_tell_is_asked_for(driven, tmp_path):
         with pytest.raises(ValueError, match=name) as caught:
             import_demonstrations(tmp_path / name)
         assert "\n" not in str(caught.value)
+
+
+def spoilt(name, numbers=None, **parts):
+    """Changes entries of the messages of a topic, as ``pose__pose__position__x``."""
+
+    def change(topic, number, message):
+        if topic != name or (numbers is not None and number not in numbers):
+            return message
+        for path, value in parts.items():
+            *way, last = path.split("__")
+            entry = message
+            for step in way:
+                entry = getattr(entry, step)
+            object.__setattr__(entry, last, value)
+        return message
+
+    return change
+
+
+def several(topic, number, message):
+    if topic == "/people":
+        message.poses.append(message.poses[0] if message.poses else None)
+        return message if message.poses[0] is not None else None
+    return message
+
+
+PLACE, TURN = "pose__pose__position__", "pose__pose__orientation__"
+ZERO = {f"{TURN}{part}": 0.0 for part in "xyzw"}
+SPOILT = {
+    "no number": (spoilt("/odom", [30], **{f"{PLACE}x": np.nan}), "message 30 of /odom, column x: expected a number"),
+    "no end": (
+        spoilt("/odom", [30], **{f"{PLACE}y": np.inf}),
+        "message 30 of /odom, column y: expected a finite",
+    ),
+    "a quaternion of zeros": (spoilt("/odom", [60], **ZERO), "message 60 of /odom: expected a quaternion of length 1"),
+    "a quaternion of no numbers": (
+        spoilt("/odom", [60], **{f"{TURN}z": np.nan}),
+        "message 60 of /odom: expected a",
+    ),
+    "a camera's frame": (
+        spoilt("/odom", **{f"{TURN}x": 0.5, f"{TURN}y": -0.5, f"{TURN}z": 0.5, f"{TURN}w": 0.5}),
+        "would lean by",
+    ),
+    "two frames": (spoilt("/odom", range(99), header__frame_id="map"), "/odom tells poses in the frames map, odom"),
+    "a frame without a name": (spoilt("/odom", header__frame_id=""), "told in the frame 'odom', and the poses in ''"),
+    "a goal of no numbers": (spoilt("/goal_pose", pose__position__x=np.nan), "column goal_x: expected a number"),
+    "two clocks": (
+        spoilt("/goal_pose", header__stamp__sec=1_740_000_000),
+        "s after the last pose; are their times of two clocks?",
+    ),
+    "a clock that stands": (spoilt("/odom", header__stamp__sec=1, header__stamp__nanosec=0), "of two clocks?"),
+    "two people": (several, "/people tells 2 places at once; say which with --human X Y"),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_what_is_wrong_in_a_message_is_named(name, driven, tmp_path):
+    change, words = SPOILT[name]
+    topics = ("odom", "goal", "people" if name == "two people" else "person")
+    write_bag(tmp_path / "bag", driven, topics=topics, seconds=14.0, change=change)
+    with pytest.raises(ValueError, match="bag") as caught:
+        import_demonstrations(tmp_path / "bag")
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_clocks_that_are_not_set_do_not_matter(driven, tmp_path):
+    write_bag(tmp_path / "bag", driven, topics=("odom", "person"), seconds=14.0,
+              change=spoilt("/odom", header__stamp__sec=0, header__stamp__nanosec=0))  # fmt: skip
+    assert np.allclose(np.diff(read_trajectories(tmp_path / "bag", Reading(goal="end")).time), 1 / RATE)
+
+
+DAMAGES = {
+    "cut in half": lambda data: data[: len(data) // 2],
+    "cut at the end": lambda data: data[: int(0.9 * len(data))],
+    "emptied": lambda data: b"",
+    "garbage": lambda data: np.random.default_rng(0).bytes(len(data)),
+    "zeros": lambda data: data[: len(data) // 3] + bytes(len(data) // 3) + data[2 * (len(data) // 3) :],
+    "deleted": None,
+}
+
+
+@pytest.mark.parametrize("plugin", StoragePlugin)
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_noticed(plugin, damage, driven, tmp_path):
+    write_bag(tmp_path / "bag", driven, topics=("odom", "person"), seconds=14.0, storage_plugin=plugin)
+    for file in [*(tmp_path / "bag").iterdir()]:
+        data = file.read_bytes()
+        file.unlink() if DAMAGES[damage] is None else file.write_bytes(DAMAGES[damage](data))
+        with pytest.raises((ValueError, FileNotFoundError), match="bag") as caught:
+            import_demonstrations(tmp_path / "bag", reading=Reading(goal="end"))
+        assert "\n" not in str(caught.value)
+        file.write_bytes(data)
+    assert len(import_demonstrations(tmp_path / "bag", reading=Reading(goal="end"))) > 50

@@ -219,27 +219,6 @@ def test_lengths_in_other_units_are_asked_for(factor, unit, word, tmp_path):
         refused(write(one, tmp_path), f"column {thing}_x", f"is it in {unit}? Then: --units {thing}_x={unit}")
 
 
-@pytest.mark.parametrize(
-    ("change", "question", "reading"),
-    [
-        (np.degrees, "is it in degrees? Then: --units heading=deg", {"units": {"heading": "deg"}}),
-        (np.negative, "does it count clockwise? Then: --heading clockwise", {"heading": "clockwise"}),
-        (lambda h: np.pi / 2 - h, "is it a compass's", {"heading": "compass"}),
-        (
-            lambda h: 90 - np.degrees(h),
-            "is it a compass's, in degrees?",
-            {"heading": "compass", "units": {"angle": "deg"}},
-        ),
-        (lambda h: h + np.pi, "does it drive backwards", {"heading": "motion"}),
-        (lambda h: h - np.pi / 2, "is it counted from the y axis", {"heading": "motion"}),
-    ],
-)
-def test_headings_that_do_not_lead_along_the_drive_are_asked_for(change, question, reading, tmp_path):
-    file = write(TRUTH.assign(heading=change(TRUTH["heading"])), tmp_path)
-    refused(file, "column heading", question)
-    assert_true(read(file, Reading(**reading)), 0.01)
-
-
 @pytest.mark.parametrize("name", ["yaw_deg", "heading (deg)", "theta [°]", "Yaw [degrees]"])
 def test_degrees_in_a_name_are_understood(name, tmp_path):
     frame = TRUTH.assign(heading=np.degrees(TRUTH["heading"]) % 360)
@@ -424,6 +403,7 @@ def test_a_drive_without_a_way_is_refused(tmp_path):
 def test_all_bad_episodes_are_named_and_the_good_ones_are_taken_on_request(tmp_path):
     drives = [TRUTH.assign(episode=f"run {i}") for i in range(5)]
     drives[1] = drives[1].assign(goal_x=9.0)
+    drives[2] = drives[2].assign(y=-TRUTH["y"], heading=-TRUTH["heading"])
     drives[3] = drives[3].assign(human_x=3.0, human_y=1.0)
     drives[4] = drives[4][(TRUTH["time"] < 3) | (TRUTH["time"] > 5)]
     file = write(pd.concat(drives), tmp_path)

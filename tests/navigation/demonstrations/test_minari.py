@@ -55,6 +55,45 @@ def test_what_the_collector_saw_is_learned_from(capsys):
     assert torch.allclose(oracle(data["observation"]), data["action"], atol=1e-5)
 
 
+@pytest.mark.parametrize("name", ["mine", "", "../mine-v0", "mine v0", "a//b-v0", "mine-v", "/etc/passwd", "ümlaut-v0"])
+def test_names_that_no_data_set_has_are_refused_and_leave_nothing(name, tmp_path):
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 1, num_envs=4)
+    for call in (lambda: to_minari(data, name), lambda: from_minari(name)):
+        with pytest.raises(ValueError, match="has a name such as navigation/mine-v0, with a version, got"):
+            call()
+    assert not list(tmp_path.rglob("*-v0"))
+
+
+DAMAGES = {
+    "cut": lambda data: data[: len(data) // 2],
+    "emptied": lambda data: b"",
+    "flipped": lambda data: bytes(byte ^ 255 for byte in data[:64]) + data[64:],
+    "deleted": None,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_named_in_one_sentence(damage, tmp_path):
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 2, num_envs=4)
+    to_minari(data, "mine-v0")
+    for file in [path for path in (tmp_path / "minari").rglob("*") if path.suffix in (".hdf5", ".json")]:
+        content = file.read_bytes()
+        file.unlink() if DAMAGES[damage] is None else file.write_bytes(DAMAGES[damage](content))
+        with pytest.raises(ValueError, match="The Minari data set mine-v0 is damaged: ") as caught:
+            from_minari("mine-v0")
+        assert "\n" not in str(caught.value)
+        file.write_bytes(content)
+    assert len(from_minari("mine-v0")) == len(data)
+
+
+def test_what_is_not_finite_is_refused():
+    data, _ = record_demonstrations(CircumnavigationOracle(), SceneSampler(), 1, num_envs=4)
+    data["observation"][7, 3] = torch.nan
+    to_minari(data, "mine-v0")
+    with pytest.raises(ValueError, match=r"is damaged: its .*observation.* is not finite"):
+        from_minari("mine-v0")
+
+
 def test_other_data_sets_are_refused():
     with pytest.raises(ValueError, match="There is no local Minari data set navigation/none-v0"):
         from_minari("navigation/none-v0")

@@ -57,6 +57,13 @@ def store(content, tmp_path, name="drive"):
     return file
 
 
+BOX = {"box1_x": 3.0, "box1_y": 3.0, "box1_half_length": 0.5, "box1_half_width": 0.3, "box1_angle": 0.0}
+
+
+def boxed(**parts):
+    return TRUTH.assign(**BOX | parts)
+
+
 def npz(**arrays):
     stream = io.BytesIO()
     np.savez(stream, **arrays)
@@ -155,6 +162,34 @@ ASKED = {
     "kilometres": (TRUTH.assign(**TRUTH[PLACES] / 1000), "are lengths in kilometres?", "--units length=km"),
     "hours": (TRUTH.assign(time=TIME / 3600), "is time in hours? Then: --units time=h."),
     "days, as spreadsheets count": (TRUTH.assign(time=45000 + TIME / 86400), "is time in days? Then: --units time=d."),
+    "hundredths of a second": (TRUTH.assign(time=100 * TIME), "in hundredths of a second? Then: --units time=cs."),
+    "feet": (TRUTH.assign(**TRUTH[PLACES] / 0.3048), "for a faster one, or --units if lengths or times are in others"),
+    "inches": (TRUTH.assign(**TRUTH[PLACES] / 0.0254), "or inches? Then: --units length=cm or length=in."),
+    "decimetres": (TRUTH.assign(**TRUTH[PLACES] * 10), "are lengths in decimetres? Then: --units length=dm."),
+    "metres that are called millimetres": (
+        TRUTH.rename(columns={"x": "x_mm", "y": "y_mm"}), "are lengths in metres? Then: --units length=m."
+    ),
+    "seconds that are called milliseconds": (
+        TRUTH.rename(columns={"time": "time_ms"}), "is time_ms in seconds? Then: --units time=s."
+    ),
+    "numbers of rows for times": (
+        TRUTH.iloc[::2].assign(time=range(72)), "is time their number? Then: --columns frame=time --rate NUMBER; if not"
+    ),
+    "numbers of rows of 25 Hz": (TRUTH.assign(time=range(144)), "rows lie 1 s apart; is time their number?"),
+    "a box's sides in centimetres": (
+        boxed(box1_half_length=80.0, box1_half_width=60.0), "column box1_half_length", "is it in centimetres?",
+        "Then: --units box1_half_length=cm; if not: --units box1_half_length=m."
+    ),
+    "a box's sides in millimetres": (boxed(box1_half_width=300.0), "column box1_half_width", "is it in millimetres?"),
+    "a box's sides in kilometres": (boxed(box1_half_length=0.0005), "got 0.0005; is it in kilometres?"),
+    "a box's whole sides in centimetres": (
+        TRUTH.assign(box1_x=3.0, box1_y=3.0, box1_angle=0.0, box1_length=90.0, box1_width=0.4), "column box1_length"
+    ),
+    "a box by its corners": (
+        TRUTH.assign(box1_x_min=2, box1_x_max=3, box1_y_min=2, box1_y_max=3), "box1_x_min, box1_x_max", "tell of a box"
+    ),
+    "a wall by its ends": (TRUTH.assign(wall1_x1=2, wall1_y1=3, wall1_x2=4, wall1_y2=3), "wall1_x1, ", "tell of a box"),
+    "coordinates of 1e300": (TRUTH.assign(goal_x=1e300), "is it in another frame than the robot?"),
     "rows 3 s apart": (TRUTH.iloc[::30], "rows lie 3 s apart", "--max-gap 3"),
     "two rows": (TRUTH.iloc[[0, -1]], "expected at most 2 s; allow it with --max-gap 15"),
     "an infinite goal": (TRUTH.assign(goal_x=np.inf), "row 2, column goal_x: expected a finite number, got inf"),
@@ -185,6 +220,10 @@ ASKED = {
     "Git LFS": (b"version https://git-lfs.github.com/spec/v1\noid sha256:abc\n", "git lfs pull"),
     "a page in place of a file": (b"<!DOCTYPE html>\n<html>Sign in</html>\n", "a web page"),
     "actions in milliseconds": (ACTIONS.assign(time=1000 * ACTIONS["time"]), "rows lie 200 s apart; is time in milli"),
+    "a text in one line": (json.dumps({"data": {"x": [1, 2], "y": [1, 2]}}), "data.x: expected a number, got '[1, 2]'"),
+    "lists in the cells of JSON": (
+        json.dumps([{"x": [row["x"]], "y": row["y"]} for row in ROWS]), "column x: expected a number, got '[0.0]'"
+    ),
     "actions with a gap": (ACTIONS.assign(time=ACTIONS["time"] + 5 * (ACTIONS.index > 10)), "is told for 5.2 s"),
 }  # fmt: skip
 
@@ -241,6 +280,48 @@ def test_a_file_is_read_once(tmp_path):
 def test_readings_that_make_no_sense(settings, words):
     with pytest.raises(ValueError, match=words):
         Reading(**settings)
+
+
+def test_what_was_asked_is_answered(tmp_path):
+    rows = write(TRUTH.iloc[::2].assign(time=range(72)), tmp_path, "rows.csv")
+    assert_true(read(rows, Reading(columns={"frame": "time"}, rate=5.0)))
+    assert np.ptp(read(rows, Reading(units={"time": "s"})).time) == 71
+    inches = write(TRUTH.assign(**TRUTH[PLACES] / 0.0254), tmp_path, "inches.csv")
+    assert_true(read(inches, Reading(units={"length": "in"})))
+    sides = write(boxed(box1_half_length=80.0, box1_half_width=60.0), tmp_path, "sides.csv")
+    units = {"box1_half_length": "cm", "box1_half_width": "cm"}
+    assert read(sides, Reading(units=units)).scene["boxes"][0, 0, 2:4] == pytest.approx([0.8, 0.6])
+
+
+def test_what_is_measured_of_obstacles_is_no_box(tmp_path):
+    file = read(write(TRUTH.assign(obstacle_dist=2, box_color=1, obstacle_count=3, wall=0), tmp_path))
+    assert file.ignored == ["obstacle_dist", "box_color", "obstacle_count", "wall"]
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, '{"x": 1}\n' + "[" * 100_000, "3", "null", "[[1, 2], [3, 4]]", "{}"])
+def test_json_that_holds_no_rows_is_refused_in_one_sentence(text, tmp_path):
+    refused(store(text, tmp_path, "drive.json"), "drive.json")
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("cm/s", 100), ("mm/s", 1000), ("km/h", 3.6), ("deg/s", 57.3)])
+def test_actions_in_other_units_are_asked_for_and_read(unit, factor, tmp_path):
+    name = "omega" if unit == "deg/s" else "v"
+    actions = ACTIONS.assign(omega=0.2 * (-1) ** ACTIONS.index)
+    file = write(actions.assign(**{name: factor * actions[name]}), tmp_path)
+    refused(file, f"column {name}", f"is it in {unit}? Then: --units {name}={unit}", how=drive)
+    again = drive(file, Reading(units={name: unit}))["action"][:5]
+    assert again == pytest.approx(actions[["v", "omega"]].to_numpy()[:5], abs=1e-3)
+
+
+def test_a_link_to_itself_is_no_file(tmp_path):
+    (tmp_path / "loop.csv").symlink_to(tmp_path / "loop.csv")
+    with pytest.raises(FileNotFoundError, match=r"There is no file .*loop.csv"):
+        drive([write(TRUTH, tmp_path), tmp_path / "loop.csv"])
+
+
+def test_a_hundred_thousand_columns_are_listed_at_once(tmp_path):
+    names = [f"c{i}" for i in range(100_000)]
+    refused(store(",".join(names) + "\n" + ",".join("1" * len(names)), tmp_path), "c48, c49 and 99950 more; say which")
 
 
 def test_one_column_is_not_two_things(tmp_path):

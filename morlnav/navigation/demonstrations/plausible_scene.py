@@ -1,0 +1,84 @@
+"""Whether the scene of trajectories can be meant as it is read; sentences that ask where it cannot."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from morlnav.navigation.demonstrations.columns import Columns
+from morlnav.navigation.demonstrations.names import UNITS
+from morlnav.navigation.demonstrations.plausible import LENGTHS
+
+if TYPE_CHECKING:
+    from morlnav.navigation.demonstrations.trajectory_file import Trajectories
+
+SIZES = (0.02, 25.0)
+"""Least and largest half side of a box, in metres."""
+
+
+def check_angles(file: Trajectories, columns: Columns) -> None:
+    """Angles of boxes and starts are in radians, which are no whole numbers."""
+    angles = {f"box{i + 1}_angle": file.scene["boxes"][:, i, 4] for i in range(file.scene["boxes"].shape[1])}
+    if "start" in file.scene:
+        angles["start_heading"] = file.scene["start"][:, 2]
+    for name, values in angles.items():
+        size = np.abs(values[np.isfinite(values) & (values != 0)])
+        if not size.size or columns.unit(name):
+            continue
+        beyond = size.max() > 2 * np.pi + 0.01
+        like_degrees = (size % 1 == 0).all() or UNITS["angle"].get(columns.unit("heading")) == UNITS["angle"]["deg"]
+        if beyond or like_degrees:
+            otherwise = "" if beyond else "; if not: --units angle=rad"
+            raise ValueError(
+                f"{file.path}, column {columns.name.get(name, name)}: expected an angle in radians, got "
+                f"{size.max():g}; is it in degrees? Then: --units angle=deg{otherwise}."
+            )
+
+
+def check_sizes(file: Trajectories, columns: Columns) -> None:
+    """Sides of boxes are in metres."""
+    for name in [name for name in columns.name if re.fullmatch(r"box\d+_(half_)?(length|width)", name)]:
+        sides = columns[name]
+        sides = sides[sides > 0]
+        if columns.unit(name) or not len(sides) or (SIZES[0] <= sides.min() and sides.max() <= SIZES[1]):
+            continue
+        wrong = sides.max() if sides.max() > SIZES[1] else sides.min()
+        unit = min(("cm", "mm", "km"), key=lambda unit: abs(np.log(2 * wrong * UNITS["length"][unit])))
+        raise ValueError(
+            f"{file.path}, column {columns.name[name]}: expected a box's side in metres, got {wrong:g}; is it in "
+            f"{LENGTHS[unit]}? Then: --units {name}={unit}; if not: --units {name}=m."
+        )
+
+
+@np.errstate(over="ignore")
+def check_distances(file: Trajectories, columns: Columns) -> None:
+    """Goal, human and boxes lie where the robot drives; else say in which unit they may be."""
+    if file.kind == "action":
+        return
+    for name, part in (("goal", "goal_x"), ("human", "human_x"), ("boxes", "box1_x")):
+        far = {}
+        for number in range(len(file.names)):
+            places, drive = file.scene[name][number].reshape(-1, file.scene[name].shape[-1])[:, :2], file.samples[:, :2]
+            drive = drive[file.rows(number)]
+            reach = np.ptp(drive, axis=0).max() + 20
+            away = np.linalg.norm(places - drive.mean(0), axis=-1)
+            if not (away > reach).any() or (name == "boxes" and not (away < 900).any()):
+                continue
+            beside, guess = drive[-1] if name == "goal" else drive.mean(0), "is it in another frame than the robot?"
+            guesses = {unit: np.linalg.norm(places * UNITS["length"][unit] - beside, axis=-1).max()
+                       for unit in ("cm", "mm", "ft", "in")}  # fmt: skip
+            unit = min(guesses, key=guesses.get)
+            given = name != "boxes" and getattr(columns.reading, name) is not None
+            if guesses[unit] <= (1.5 if name == "goal" else reach) and not columns.unit(part) and not given:
+                guess = f"is it in {unit}? Then: --units {part}={unit} {part[:-1]}y={unit}"
+            label, what = columns.name.get(part, part), "a box" if name == "boxes" else name
+            far[number] = (
+                f"{f'--{name}' if given else f'column {label}'}: {what} of episode {file.names[number]} lies "
+                f"{np.nanmax(away):.4g} m from the drive; {guess}"
+            )
+        if len(far) == len(file.names):  # a matter of the file
+            raise ValueError(f"{file.path}, {far[0]}")
+        for number, problem in far.items():
+            file.problems.setdefault(number, problem)

@@ -68,8 +68,8 @@ class Audit:
         calibration: a row per bin of the predicted probability that the first of two snippets has less noise:
             ``predicted``, ``empirical`` and ``pairs``.
         plans: a row per planned scene: ``scene``, ``boxes`` (their number), ``outcome``, ``frechet``,
-            ``min_human_distance``, ``human_on_right`` and what the demonstration reward pays for the path, driven at full
-            speed, ``earned``; the last three also of the target (``target_…``).
+            ``min_human_distance``, ``human_on_right`` and ``earned``, what the demonstration reward pays for the path
+            at full speed; the last three also of the target (``target_…``).
         planned: the planned paths themselves, with the target's paths in ``references``.
         facts: ``target_rank``, ``target_reward``, ``idle_margin``, ``worst_margin``, and over noisy roll-outs
             ``noise_correlation``, ``return_spearman``, ``return_kendall`` (``Σ c_d·(R̂ + b_d)`` and true baseline

@@ -53,7 +53,8 @@ def matrix_product(effort: Effort, flops: float, cells: int = 256) -> tuple[Call
         out = left @ right
         return (lambda: torch.matmul(left, right, out=out)), 2.0 * count * rows * inner * columns
 
-    candidates = [make(1, cells, cells, cells), make(2, cells, cells, cells), make(1, 4 * cells, 4 * cells, 4 * cells)]
+    sizes = [(1, cells, cells, cells), (2, cells, cells, cells), (1, 4 * cells, 4 * cells, 4 * cells)]
+    candidates = [make(*size) for size in (sizes[:1] if effort.quick else sizes)]
     rates = []
     for product, work in candidates:
         duration(product, 3, effort.device)

@@ -135,7 +135,7 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_
     words = ["preferences=mine", *SMALL, ANALYTICAL, f"hydra.run.dir='{directory}'"]
     process = subprocess.Popen([*command, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        for _ in range(2400):
+        for _ in range(12000):
             if directory.is_dir() and list((directory / "checkpoints").glob("checkpoint-*/manifest.json")):
                 break
             assert process.poll() is None, process.communicate()[1]

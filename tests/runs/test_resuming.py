@@ -310,7 +310,7 @@ def test_a_killed_run_leaves_no_lock_and_its_leftovers_go(collector, tmp_path, t
     command = [sys.executable, "-m", "morlnav.commands.train", *words]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
-        for _ in range(2400):
+        for _ in range(12000):
             if list((directory / "checkpoints").glob("checkpoint-*/manifest.json")):
                 break
             assert process.poll() is None, process.communicate()[1]

@@ -177,10 +177,11 @@ def test_the_papers_recipe_trains_on_a_reward_that_fails_its_audit():
     assert [cfg.rewards.audit.required for cfg in cfgs] == [False, True]
 
 
-def test_an_objective_brings_its_own_scale():
+def test_an_objective_brings_its_own_scale_and_horizon():
     with initialize_config_dir(conf_dir(), version_base="1.3"):
         cfg = compose("train", ["objectives=[baseline,distance]"])
     assert cfg.loss.scalarisation.scale == {"distance": 2.0, "default": 1.0}
+    assert cfg.hooks.discount.end == {"baseline": 0.9925, "distance": 0.997, "default": 0.995}
 
 
 APP = """

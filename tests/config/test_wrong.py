@@ -147,6 +147,7 @@ hooks.evalute.interval=5                            | There is no evalute in hoo
 critic.features.octave.low=1                        | There is no octave in critic.features; did you mean octaves?
 resume.at=3                                         | There is no resume.at in the config, for resume is None
 hydra.foo=1                                         | There is no hydra.foo; see --hydra-help
++hooks.discount.end.foo=0.9                         | hooks.discount.end names foo, which is none of
 +loss.scalarisation.scale.foo=2                     | loss.scalarisation.scale names foo
 +env.objectives.x.foo=1                             | env.objectives.x must be an Objective, got a mapping without _target_
 compile={foo:1}                                     | compile.foo is no argument of torch.compile

@@ -11,7 +11,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from morlnav.cli import conf_dir
-from morlnav.config import Part, _Signature
+from morlnav.config import Part, _signature
 
 CHECKOUT = Path(__file__).parents[1]
 CONF = Path(conf_dir())
@@ -143,7 +143,7 @@ def alike(given, default):
 
 @pytest.mark.parametrize(("name", "where", "node", "inherits"), all_nodes())
 def test_a_node_holds_arguments_of_its_class_with_their_defaults(name, where, node, inherits):
-    part = _Signature.of(Part(node, where))
+    part = _signature(Part(node, where))
     given = {key: value for key, value in node.items() if key not in ("_target_", "_recursive_", "defaults")}
     assert set(given) <= set(part.parameters)
     if not node["_target_"].startswith("morlnav.") or name.split("/")[0] in CHANGES:

@@ -8,7 +8,7 @@ from hydra import compose, initialize_config_dir
 from support import assert_identical
 
 from morlnav.cli import conf_dir
-from morlnav.config import Part, _Signature, plain
+from morlnav.config import Part, _signature, plain
 from morlnav.runs import make_training
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extending.md").read_text()
@@ -72,7 +72,7 @@ def filled(node):
     children = {name: filled(child) for name, child in node.items()}
     if "_target_" not in node:
         return {name: child for name, child in children.items() if child is not None}
-    part = _Signature.of(Part(node, ""))
+    part = _signature(Part(node, ""))
     defaults = {name: filled(p.default) for name, p in part.parameters.items() if p.default is not p.empty}
     return defaults | children | {"_target_": f"{part.target.__module__}.{part.target.__qualname__}"}
 

@@ -60,7 +60,22 @@ def two_objectives() -> str:
     return two_styles("two_objectives")
 
 
-TABLES = {"README.md": (styles,), "docs/results.md": (styles, three_styles, no_refinement, two_styles, two_objectives)}
+def leave_one_out() -> str:
+    """A row for each part that short runs left out, with a value for each seed, and one for the whole recipe."""
+    runs: dict[str, dict[str, Path]] = {"nothing": {}}
+    for path in sorted((RESULTS / "leave_one_out").iterdir()):
+        name, seed = path.name.rsplit("_", 1)
+        runs.setdefault(name.replace("our", "nothing"), {})[seed] = path
+    head = ["left out", "seeds", "of the front", "excess", "distance to human", "than shortest path"]
+    head += ["off demonstration", "where free", "success"]
+    return _table(head, ([f"`{name}`", ", ".join(seeds), *_short_row(seeds.values())] for name, seeds in runs.items()))
+
+
+TABLES = {
+    "README.md": (styles,),
+    "docs/results.md": (styles, three_styles, no_refinement, two_styles, two_objectives),
+    "docs/recipe.md": (leave_one_out,),
+}
 
 
 def renewed(page: str) -> str:
@@ -84,6 +99,19 @@ def _seed_row(run: Path) -> list[str]:
     possible = possible_table(_front(), summarise(episodes, resamples=2)).iloc[0]
     reached = f"{100 * possible['front_share']:.0f} %", f"+{100 * possible['mean_excess']:.1f} %"
     return [*row, *_outcome(episodes, "collision", "timeout"), *(f"{ranks[name]:.2f}" for name in at), *reached]
+
+
+def _short_row(runs: Iterable[Path]) -> list[str]:
+    rows = []
+    for run in runs:
+        summary, possible = _read(run, "summary"), _read(run, "possible").iloc[0]
+        demo, distance, efficiency = (summary[summary[f"lambda_{name}"] == 1].iloc[0] for name in STYLES)
+        shares = possible["front_share"], possible["mean_excess"], efficiency["time_ratio"] - 1
+        share, excess, longer = (f"{100 * value:.1f} %" for value in shares)
+        metres = (f"{value:.2f} m" for value in (demo["frechet"], demo["frechet_free"]))
+        success = f"{summary['SR'].mean():.1f} %"
+        rows.append([share, excess, f"{distance['min_human_distance']:.2f} m", longer, *metres, success])
+    return [" / ".join(values) for values in zip(*rows, strict=True)]
 
 
 @cache

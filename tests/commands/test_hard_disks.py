@@ -34,10 +34,10 @@ LOCKED = {
     "record rec --import drive.csv": "rec may not be written to",
     "record new --import secret.csv": "secret.csv: permission denied.",
     "record new --import secrets/drive.csv": "permission denied.",
-    "export run --format pt2": "run/export: permission denied.",
+    "export run --format pt2": "run may not be written to",
     "export run --format pt2 --output locked/new": "locked may not be written to",
     "compare run locked/new --pairs 2 --scenes 2": "locked may not be written to",
-    "evaluate run --contexts secret.csv --route 0:hall": "secret.csv: permission denied.",
+    "evaluate run --contexts secret.csv --route 0:hall --output new": "secret.csv: permission denied.",
 }
 FULL = {
     "record small/new --import drive.csv": "MB free, but",

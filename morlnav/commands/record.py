@@ -166,7 +166,8 @@ def main() -> None:
             if given := [name for name in sorted(settings) if getattr(args, name) is not None]:
                 raise ValueError(f"--{given[0].replace('_', '-')} says how files are read; name them with --import.")
             total = drive(env, args.folder, args.seed or 0, tuple(args.size or (1000, 700)))
-        print(f"{args.folder} holds {total} demonstration{'s' * (total > 1)}." if total else "Nothing was demonstrated.")
+        held = f"{args.folder} holds {total} demonstration{'s' * (total > 1)}."
+        print(held if total else "Nothing was demonstrated.")
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ def leave_one_out() -> str:
     runs: dict[str, dict[str, Path]] = {"nothing": {}}
     for path in sorted((RESULTS / "leave_one_out").iterdir()):
         name, seed = path.name.rsplit("_", 1)
-        runs.setdefault(name.replace("our", "nothing"), {})[seed] = path
+        runs.setdefault("nothing" if name == "our" else name, {})[seed] = path
     head = ["left out", "seeds", "of the front", "excess", "distance to human", "than shortest path"]
     head += ["off demonstration", "where free", "success"]
     return _table(head, ([f"`{name}`", ", ".join(seeds), *_short_row(seeds.values())] for name, seeds in runs.items()))

@@ -119,8 +119,7 @@ class PathwiseRefinement:
             return policy
         torch.manual_seed(self.seed)
         actor = deepcopy(policy).train()
-        optimizer = supply(self.optimizer, params=list(actor.parameters()))
-        schedule = supply(self.schedule, optimizer=optimizer, total_steps=self.drives) if self.schedule else None
+        optimizer, schedule = self.make_optimizer(list(actor.parameters()))
         average = AveragedModel(actor, multi_avg_fn=get_ema_multi_avg_fn(self.average_decay))
         average.update_parameters(actor)
         for drive in trange(self.drives, desc="refinement", disable=not self.progress_bar):
@@ -140,6 +139,13 @@ class PathwiseRefinement:
             if logger is not None:
                 logger.log_scalar("refinement/return", gained, step=drive + 1)
         return average.module.train(policy.training)
+
+    def make_optimizer(self, params: list[nn.Parameter]) -> tuple[optim.Optimizer, LRScheduler | None]:
+        """The optimizer of ``params``, and the schedule of its learning rate."""
+        optimizer = supply(self.optimizer, params=params)
+        if self.schedule is None:
+            return optimizer, None
+        return optimizer, supply(self.schedule, optimizer=optimizer, total_steps=max(1, self.drives))
 
     @torch.enable_grad()
     def _drive(self, actor: nn.Module, gamma: Tensor | float) -> tuple[Tensor, Tensor, Tensor, Tensor, float]:

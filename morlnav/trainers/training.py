@@ -255,9 +255,7 @@ class Training:
             frames = setting(self.collector, "frames_per_batch")
             brief.collector = partial(Collector, backend="direct", frames_per_batch=frames)
         if (refinement := self.make_refinement(learned)) is not None:  # what learns last of all
-            optimizer = supply(refinement.optimizer, params=[nn.Parameter(torch.zeros(1))])
-            if refinement.schedule is not None:
-                supply(refinement.schedule, optimizer=optimizer, total_steps=max(1, refinement.drives))
+            refinement.make_optimizer([nn.Parameter(torch.zeros(1))])
         trainer = brief.make_trainer(directory, learned)
         loss, batch = trainer.loss_module, next(iter(trainer.collector)).flatten()
         try:

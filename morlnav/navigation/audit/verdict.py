@@ -189,13 +189,12 @@ def audit_reward(
         "idle_margin": float(others.set_index("behaviour")["margin"].get("idle", math.nan)),
         **facts,
     }
-    table = _plan_table(chosen, planned, references)
-    for column, paths in {"earned": [plan.path for plan in planned], "target_earned": references}.items():
-        worth = [
-            path_returns([path], plan.scene.unsqueeze(0), {"demo": paid}, world).item()
-            for path, plan in zip(paths, planned, strict=True)
-        ]
-        table[column] = pd.Series(worth, dtype=float)
+    table = _plan_table(
+        chosen,
+        planned,
+        references,
+        lambda path, scene: path_returns([path], scene.unsqueeze(0), {"demo": paid}, world).item(),
+    )
     reasons = _reasons(others, facts, table, thresholds)
     return Audit(behaviours, noise, calibration, table, facts, reasons, planned, references)
 
@@ -250,7 +249,13 @@ def _required(name: str, thresholds: Thresholds) -> float:
     return thresholds.clear_margin if name in thresholds.clear else thresholds.margin
 
 
-def _plan_table(chosen: Sequence[int], planned: Sequence[PlannedPath], references: Sequence[Tensor]) -> pd.DataFrame:
+def _plan_table(
+    chosen: Sequence[int],
+    planned: Sequence[PlannedPath],
+    references: Sequence[Tensor],
+    earned: Callable[[Tensor, Scene], float],
+) -> pd.DataFrame:
+    """The frame ``plans`` of an :class:`Audit`."""
     targets = [(path, plan.scene.human.to(path)) for path, plan in zip(references, planned, strict=True)]
     columns = {
         "scene": list(chosen),
@@ -261,6 +266,8 @@ def _plan_table(chosen: Sequence[int], planned: Sequence[PlannedPath], reference
         "human_on_right": [plan.human_on_right for plan in planned],
         "target_min_human_distance": [(path - human).norm(dim=-1).min().item() for path, human in targets],
         "target_human_on_right": [winding(path, human).item() < 0 for path, human in targets],
+        "earned": [earned(plan.path, plan.scene) for plan in planned],
+        "target_earned": [earned(path, plan.scene) for path, plan in zip(references, planned, strict=True)],
     }
     return pd.DataFrame(columns)
 

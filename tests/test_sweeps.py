@@ -69,3 +69,10 @@ def test_a_sweep_goes_on_where_it_stopped(train_command, tmp_path, capsys):
         SystemExit, match=r"sweep/0 holds a run of another config \(loss\.pessimism: 0\.5 then, 0\.3 now"
     ):
         train_command(*sweep, "loss.pessimism=0.3")
+
+
+def test_a_value_that_a_later_job_is_refused_for_is_told_before_the_first_one_trains(train_command, tmp_path):
+    told = r"loss\.pessimism=7: loss\.pessimism must be between 0 and 1, got 7\."
+    with pytest.raises(SystemExit, match=told):
+        train_command("-m", *SMALL, *SHORT, "loss.pessimism=0.5,7")
+    assert not any(tmp_path.iterdir())

@@ -40,9 +40,10 @@ from morlnav.config import check, plain, setting
 from morlnav.files import write_text
 from morlnav.record.console import stage
 from morlnav.runs import CONFIG_FILE, Run, make_training
-from morlnav.runs.directory import Sweeps, remove_leftovers, removed_if_empty, reserved
+from morlnav.runs.directory import remove_leftovers, removed_if_empty, reserved
 from morlnav.runs.resuming import options_first, resumed_words
 from morlnav.runs.settings import Settings, refuse_without_clones
+from morlnav.runs.sweeps import Sweeps
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
 from morlnav.trainers.collectors import watched

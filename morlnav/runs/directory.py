@@ -7,11 +7,8 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, ClassVar
 
 from filelock import FileLock, Timeout
-from hydra.experimental.callback import Callback
-from omegaconf import DictConfig
 
 LOCK_FILE = ".lock"
 UNFINISHED = ("stage", "archive", "delete", "backup")
@@ -80,27 +77,5 @@ def removed_if_empty(directory: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        _remove_if_empty(directory)
-
-
-def _remove_if_empty(directory: Path) -> None:
-    with suppress(OSError):
-        os.removedirs(os.path.relpath(directory))
-
-
-class Sweeps(Callback):
-    """Learns from Hydra where a sweep keeps its jobs, so that one whose first job is refused leaves nothing."""
-
-    folder: ClassVar[Path | None] = None
-
-    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
-        """Remember the folder, in which Hydra soon writes what the sweep is of."""
-        Sweeps.folder = Path(config.hydra.sweep.dir)
-
-    @classmethod
-    def forget_refused(cls) -> None:
-        """Remove the folder if no job has left anything in it."""
-        folder, cls.folder = cls.folder, None
-        if folder is not None and [path.name for path in folder.glob("*")] == ["multirun.yaml"]:
-            (folder / "multirun.yaml").unlink()
-            _remove_if_empty(folder)
+        with suppress(OSError):
+            os.removedirs(os.path.relpath(directory))

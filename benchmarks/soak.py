@@ -24,6 +24,7 @@ import pandas as pd
 import psutil
 
 WORDS = ("objectives=[baseline,distance,efficiency]", "trainer.progress_bar=false", "trainer.total_frames=1000000000")
+LONG = (*WORDS, "replay.storage.max_size=64000")  # full after some minutes, so that what grows later is no transition
 SMALL = ("trainer=smoke", *WORDS, "collector=processes")
 ENDINGS = ("ctrl-c", "sigterm", "dead worker")
 SHARED = Path("/dev/shm")
@@ -78,7 +79,7 @@ def shared(process: psutil.Process) -> set[Path]:
 
 
 def soak(
-    directory: Path, hours: float, interval: float = 10.0, words: Sequence[str] = WORDS
+    directory: Path, hours: float, interval: float = 10.0, words: Sequence[str] = LONG
 ) -> Iterator[dict[str, float]]:
     """Train for some hours, or until nobody asks for more looks, and end it by Ctrl-C.
 

@@ -247,8 +247,8 @@ SECTIONS = {
     ),
     "extremes": (
         "{agent}: the extreme preferences",
-        "Means with all weight on one and on the other objective, and Welch's t-tests as in the paper, between scenes "
-        "(means over seeds), with Holm's correction for all rows; in the last column the same between seeds. "
+        "Means with all weight on one and on the other objective, and t-tests as in the paper, paired by scene (means "
+        "over seeds), with Holm's correction for all rows; in the last column the same over seeds. "
         "\\*\\*\\* p ≤ 0.001, \\*\\* p ≤ 0.01, \\* p ≤ 0.05, ns: not significant.",
     ),
     "scores": (

@@ -85,6 +85,16 @@ def welch(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
     return tuple(map(float, scipy.stats.ttest_ind_from_stats(*moments, equal_var=False)))
 
 
+def paired(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
+    """Paired t-test of two samples ``[N]``: t and p, NaN if they have fewer than two numbers.
+
+    >>> paired(np.array([1.0, 5.0]), np.array([2.0, 6.0]))  # no variance of the differences: the test is exact
+    (-inf, 0.0)
+    """
+    difference = np.where(np.isclose(first, second), 0.0, first - second)  # without what rounding makes of equal ones
+    return welch(difference, np.zeros_like(difference))
+
+
 def stars(p: float) -> str:
     """How significant ``p`` is, in the paper's signs; empty where nothing was tested.
 

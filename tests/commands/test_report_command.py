@@ -140,7 +140,7 @@ def test_stars_are_corrected_and_no_interval_leaves_what_can_be(tmp_path):
     assert (summary["min_human_distance_low"] >= 0).all()
     row = tests[tests["metric"] == "min_human_distance"].iloc[0]
     first = list(DISTANCES.values())
-    p = scipy.stats.ttest_ind_from_stats(1.3, scipy.stats.tstd(first), 3, 0.5, 0.0, 3, equal_var=False).pvalue
+    p = scipy.stats.ttest_1samp(first, 0.5).pvalue  # the other extreme has 0.5 with every seed
     assert row["p_seeds"] == pytest.approx(2 * p)  # time differs more surely, obstacles not at all
     assert tests.groupby("metric")["p_holm"].nunique().eq(1).all()  # in both orders
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from morlnav.evaluation.seeds import stars, welch
+from morlnav.evaluation.seeds import paired, stars
 
 FIDELITY = {"distance": ("min_human_distance", 1), "efficiency": ("navigation_time", -1), "demo": ("frechet", -1)}
 """The metric that each objective should move, and which way."""
@@ -104,9 +104,12 @@ def metric_values(frame: pd.DataFrame, metric: str) -> np.ndarray:
     >>> metric_values(pd.DataFrame({"success": [True, False], "navigation_time": [16.0, 5.0]}), "navigation_time")
     array([16.])
     """
+    return _counting(frame, metric)[metric].to_numpy(float)
+
+
+def _counting(frame: pd.DataFrame, metric: str) -> pd.DataFrame:
     chosen = frame[frame["success"].astype(bool)] if metric in ONLY_SUCCESS else frame
-    values = chosen[metric].to_numpy(float)
-    return values[np.isfinite(values)]
+    return chosen[np.isfinite(chosen[metric].to_numpy(float))]
 
 
 def bootstrap_interval(
@@ -123,20 +126,25 @@ def bootstrap_interval(
 
 
 def compare_extremes(frame: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFrame:
-    """Welch's t-tests of each metric between each two extreme preferences (Sec. IV-C, Fig. 4).
+    """t-tests of each metric between each two extreme preferences (Sec. IV-C, Fig. 4), paired by scene.
 
-    The extreme preference of an objective is the evaluated one with its largest weight.
+    The extreme preference of an objective is the evaluated one with its largest weight. Both drive the same scenes, so
+    that what differs is their difference in each; how long a way a scene needs would hide it.
+
+    Args:
+        frame: from :func:`~morlnav.navigation.evaluation.episode_metrics`.
+        metrics: its columns.
 
     Returns:
         Columns ``metric``, ``first`` and ``second`` (objectives), ``mean_first``, ``mean_second``, ``t``, ``p`` and
-        ``stars``: ``***`` for p ≤ 0.001, ``**`` ≤ 0.01, ``*`` ≤ 0.05, else ``ns``; empty where too few episodes allow
-        no test. Both orders of a pair are listed.
+        ``stars``: ``***`` for p ≤ 0.001, ``**`` ≤ 0.01, ``*`` ≤ 0.05, else ``ns``; empty where fewer than two scenes
+        allow no test. Means are over the scenes that count for both. Both orders of a pair are listed.
 
     Raises:
         ValueError: if a metric is not a column.
 
     Examples:
-        >>> frame = pd.DataFrame({"preference": [0, 0, 1, 1], "lambda_distance": [1.0, 1.0, 0.0, 0.0],
+        >>> frame = pd.DataFrame({"scene": [0, 1, 0, 1], "lambda_distance": [1.0, 1.0, 0.0, 0.0],
         ...     "lambda_efficiency": [0.0, 0.0, 1.0, 1.0], "success": True, "min_human_distance": [1.5, 1.7, 0.6, 0.7]})
         >>> compare_extremes(frame, ["min_human_distance"])[["first", "second", "stars"]].values.tolist()
         [['distance', 'efficiency', '*'], ['efficiency', 'distance', '*']]
@@ -146,10 +154,13 @@ def compare_extremes(frame: pd.DataFrame, metrics: Sequence[str]) -> pd.DataFram
     extremes = {name: frame[np.isclose(frame[f"lambda_{name}"], frame[f"lambda_{name}"].max())] for name in names}
     rows = []
     for metric in metrics:
-        values = {name: metric_values(extreme, metric) for name, extreme in extremes.items()}
+        values = {
+            name: _counting(extreme, metric).groupby("scene")[metric].mean() for name, extreme in extremes.items()
+        }
         for first, second in permutations(names, 2):
-            t, p = welch(values[first], values[second])
-            means = [values[name].mean() if len(values[name]) else np.nan for name in (first, second)]
+            both = pd.concat([values[first], values[second]], axis=1, join="inner").to_numpy(float)
+            t, p = paired(*both.T)
+            means = both.mean(0) if len(both) else (np.nan, np.nan)
             rows.append((metric, first, second, *means, t, p, stars(p)))
     return pd.DataFrame(rows, columns=["metric", "first", "second", "mean_first", "mean_second", "t", "p", "stars"])
 
@@ -174,8 +185,9 @@ def fidelity(frame: pd.DataFrame, expected: Mapping[str, tuple[str, int]] | None
         ValueError: if ``expected`` names an objective or column that the frame lacks, or a sign is not ±1.
 
     Examples:
-        >>> frame = pd.DataFrame({"preference": [0, 0, 1, 1], "lambda_distance": [1.0, 1.0, 0.0, 0.0],
-        ...     "lambda_efficiency": [0.0, 0.0, 1.0, 1.0], "success": True, "min_human_distance": [1.5, 1.7, 0.6, 0.7]})
+        >>> frame = pd.DataFrame({"preference": [0, 0, 1, 1], "scene": [0, 1, 0, 1], "success": True,
+        ...     "lambda_distance": [1.0, 1.0, 0.0, 0.0], "lambda_efficiency": [0.0, 0.0, 1.0, 1.0],
+        ...     "min_human_distance": [1.5, 1.7, 0.6, 0.7]})
         >>> fidelity(frame)[["objective", "metric", "spearman"]].round(3).values.tolist()
         [['distance', 'min_human_distance', 1.0]]
     """

@@ -182,7 +182,7 @@ class Sweep:
         if run in self.possible:
             rows.append(("front share", "", self.possible[run]["front_share"].iloc[0]))
         if len(self.summaries[run]) > 1:
-            ranks = fidelity(summary.assign(success=True))
+            ranks = fidelity(summary.assign(success=True, scene=0))
             rows += [
                 ("fidelity", f"{r.objective} against {r.versus}", np.nan_to_num(r.edge_spearman)) for r in _rows(ranks)
             ]
@@ -193,8 +193,8 @@ class Sweep:
 
         Returns:
             A summary with means and 95 % intervals over seeds, or over episodes for a single seed; and tests as of
-            :func:`compare_extremes` between scenes, each a mean over seeds, with ``p_holm``, Holm's correction for all
-            pairs and metrics, from which the ``stars`` are, and the same between seeds in ``p_seeds``.
+            :func:`compare_extremes` over scenes, each a mean over seeds, with ``p_holm``, Holm's correction for all
+            pairs and metrics, from which the ``stars`` are, and the same over seeds in ``p_seeds``.
         """
         tables = self.of(self.agent, self.summaries)
         metrics = [name for name in PLOTTED if all(name in table for table in tables)]
@@ -205,7 +205,7 @@ class Sweep:
         late = [name for name in metrics if name in ONLY_SUCCESS]
         episodes[late] = episodes[late].where(episodes["success"].astype(bool))
         scenes = episodes.groupby([*weights, "scene"], as_index=False)[metrics].mean()
-        seeds = pd.concat(tables, ignore_index=True)
+        seeds = pd.concat([table.assign(scene=seed) for seed, table in enumerate(tables)], ignore_index=True)
         tests = _test_extremes(scenes, metrics)
         tests["p_seeds"] = _test_extremes(seeds, metrics)["p_holm"]
         if len(tables) == 1:

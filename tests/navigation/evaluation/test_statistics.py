@@ -74,11 +74,12 @@ def test_overall_is_one_row_without_a_preference(frame):
     assert not [name for name in row if name.startswith("lambda_") or name == "preference"]
 
 
-def test_extremes_are_compared_with_welch(frame):
-    tests = compare_extremes(frame, ["min_human_distance"])
+@pytest.mark.parametrize(("metric", "scenes"), [("min_human_distance", 20), ("navigation_time", 16)])
+def test_extremes_are_compared_in_the_scenes_that_count_for_both(frame, metric, scenes):
+    tests = compare_extremes(frame.sample(frac=1, random_state=0), [metric])
     row = tests[(tests["first"] == "distance") & (tests["second"] == "efficiency")].iloc[0]
-    values = [frame[frame["preference"] == p]["min_human_distance"] for p in (4, 0)]
-    expected = stats.ttest_ind(*values, equal_var=False)
+    values = [frame[(frame["preference"] == p) & (frame["scene"] >= 20 - scenes)][metric] for p in (4, 0)]
+    expected = stats.ttest_rel(*values)
     assert row["t"] == pytest.approx(expected.statistic)
     assert row["p"] == pytest.approx(expected.pvalue)
     assert row["stars"] == "***"
@@ -96,6 +97,7 @@ def test_a_faithful_policy_scores_one(frame):
 
 def test_fidelity_along_an_edge_leaves_the_inner_preferences_out(frame):
     inner = frame.assign(lambda_demo=0.5, preference=frame["preference"] + 100, min_human_distance=-frame["preference"])
+    inner[["lambda_distance", "lambda_efficiency"]] /= 2
     both = pd.concat([frame.assign(lambda_demo=0.0), inner], ignore_index=True)
     rows = fidelity(both, {"distance": ("min_human_distance", 1)}).set_index("versus")
     assert rows.loc["efficiency", "edge_spearman"] == pytest.approx(1)

@@ -41,7 +41,7 @@ def soak_page(table: pd.DataFrame, ended: Mapping[str, Any]) -> str:
         "hours": "{hours:.2f}",
         "processes that wanted a core, ours among them": "{load:.1f}",
         "MB in the second and in the last quarter": "{rss_second:.0f} and {rss_last:.0f}",
-        "bytes per frame in the second half, as the replay buffer fills": "{bytes_per_frame:.0f}",
+        "growth since the first quarter, when the replay buffer is full, in MB per hour": "{rss_growth:.1f}",
         "frames/s in the second and in the last quarter": "{speed_second:.0f} and {speed_last:.0f}",
     }
     rows = [[name, value.format(**summary(table))] for name, value in facts.items()]

@@ -149,27 +149,21 @@ def left_behind(directory: Path, how: str) -> dict[str, object]:
 
 
 def summary(table: pd.DataFrame) -> dict[str, float]:
-    """Memory and speed of the last quarter beside those of the second, the growth of memory, and hours.
+    """Memory and speed of the last quarter beside those of the second, hours, and the machine's load.
 
-    Memory grows in MB per hour since the first quarter, and in bytes per frame in the second half, while the replay
-    buffer fills.
+    ``rss_growth`` is that of memory since the first quarter, in MB per hour.
 
     >>> rows = pd.DataFrame({"second": range(0, 7260, 60), "rss": 900.0, "frames": 0, "speed": 50.0, "load": 1.0})
     >>> summary(rows)["rss_growth"], summary(rows)["speed_last"], summary(rows)["hours"]
     (0.0, 50.0, 2.0)
-    >>> summary(rows.assign(frames=50 * rows["second"], rss=900 + 0.015 * rows["second"]))["bytes_per_frame"]
-    300.0
     """
     quarters = [table.iloc[rows] for rows in np.array_split(np.arange(len(table)), 4)]
     steady = table.iloc[len(table) // 4 :]
     growth = np.polyfit(steady["second"] / 3600, steady["rss"], 1)[0] if len(steady) > 1 else 0.0
-    values = {"hours": table["second"].iloc[-1] / 3600, "load": table["load"].mean(), "rss_growth": growth + 0.0}
-    half = table.iloc[len(table) // 2 :]
-    if half["frames"].nunique() > 1:
-        values["bytes_per_frame"] = np.polyfit(half["frames"], 1e6 * half["rss"], 1)[0]
+    values = {"hours": table["second"].iloc[-1] / 3600, "load": table["load"].mean(), "rss_growth": growth}
     for name in ("rss", "speed"):
         values |= {f"{name}_second": quarters[1][name].mean(), f"{name}_last": quarters[3][name].mean()}
-    return {name: round(float(value), 2) for name, value in values.items()}
+    return {name: round(float(value), 2) + 0.0 for name, value in values.items()}
 
 
 def main() -> None:

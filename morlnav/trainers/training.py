@@ -26,6 +26,7 @@ from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, 
 from morlnav.config import Part, as_part, build, check, setting, supply, takes
 from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
+from morlnav.limits import check_at_least
 from morlnav.objectives import MORLTD3Loss
 from morlnav.sentences import first_line
 from morlnav.trainers.collectors import RolloutState, make_collector, num_workers, share_of
@@ -359,8 +360,7 @@ class Training:
                 f"collector.frames_per_batch ({frames}) must be a positive multiple of the {side_by_side} environments "
                 f"(env.num_envs)."
             )
-        if (random := setting(self.collector, "init_random_frames")) is not None and random < 0:
-            raise ValueError(f"collector.init_random_frames must not be negative, got {random}.")
+        check_at_least(0, **{"collector.init_random_frames": setting(self.collector, "init_random_frames")})
         return frames
 
 

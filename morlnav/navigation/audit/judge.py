@@ -10,6 +10,7 @@ from typing import Any
 
 from torch import Tensor, nn
 
+from morlnav.limits import check_at_least
 from morlnav.navigation.audit.report import write_audit
 from morlnav.navigation.audit.verdict import Audit, audit_reward
 from morlnav.navigation.evaluation import evaluation_scenes
@@ -49,10 +50,8 @@ class RewardAudit:
         max_steps: int = 250,
         seed: int = 0,
     ) -> None:
-        if num_scenes < 1:
-            raise ValueError(f"num_scenes must be at least 1, got {num_scenes}.")
-        if min(plans, scene_seed, seed) < 0:
-            raise ValueError(f"plans, scene_seed and seed must not be negative, got {plans}, {scene_seed} and {seed}.")
+        check_at_least(1, num_scenes=num_scenes)
+        check_at_least(0, plans=plans, scene_seed=scene_seed, seed=seed)
         self.required, self.plans, self.bare = required, plans, bare
         self.num_scenes, self.scene_seed = num_scenes, scene_seed
         self.world, self.scenes, self.observe_human = world, scenes, observe_human

@@ -49,7 +49,8 @@ class Report:
 
     def __init__(self, directories: list[Path], scenes: int = 4) -> None:
         check_at_least(1, scenes=scenes)
-        self.source, self.directory, self.scenes = _runs(directories), directories[0], scenes
+        self.source = [path for directory in directories for path in load_settings(directory)["path"]]
+        self.directory, self.scenes = directories[0], scenes
         self.sweep = Sweep(self.source)
         self.notes = list(self.sweep.notes)
         scores = self.sweep.scores()
@@ -156,15 +157,6 @@ class Report:
         page += ["## What is missing", "", *(f"- {note}" for note in self.notes or ["Nothing."]), ""]
         (output / "report.md").write_text("\n".join(page), encoding="utf-8")
         return output / "report.md"
-
-
-def _runs(directories: list[Path]) -> list[Path]:
-    """Run directories, and those in the directories of sweeps.
-
-    Raises:
-        FileNotFoundError: naming the first directory that holds no run.
-    """
-    return [path for directory in directories for path in load_settings(directory)["path"]]
 
 
 def _table_one(table: pd.DataFrame) -> pd.DataFrame:

@@ -216,8 +216,9 @@ class Training:
         collector = make_collector(  # last, for an error after it would leave its workers behind
             self.collector, make_env, TensorDictSequential(policy, noise), env=env, seed=self.seed, device=self.device
         )
-        kept = not num_workers(self.collector) and RolloutState.can_hold(env)
-        rollout = {"rollout": RolloutState(collector)} if kept else {}
+        components = {"average": stepper.average}
+        if not num_workers(self.collector) and RolloutState.can_hold(env):
+            components["rollout"] = RolloutState(collector)
         trainer = supply(
             self.trainer,
             collector=collector,
@@ -226,7 +227,7 @@ class Training:
             replay_buffer=replay,
             logger=logger,
             directory=directory,
-            components={"average": stepper.average, **rollout},
+            components=components,
         )
         live |= {"policy": stepper.average.module, "loss": loss, "exploration": noise, "trainer": trainer}
         live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned), "learned": learned}

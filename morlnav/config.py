@@ -202,12 +202,12 @@ class _Walk:
     """Goes through a config beside the annotations that say what becomes of each value.
 
     Args:
-        live: live objects by name, or their names.
+        live: live objects by name, or their names; ``None`` where they are known later.
         root: the whole config, one of whose keys a misplaced one may have meant.
         call: whether to build.
     """
 
-    def __init__(self, live: Collection[str], root: Any, call: bool) -> None:
+    def __init__(self, live: Collection[str] | None, root: Any, call: bool) -> None:
         self.live, self.root, self.call = live, root, call
 
     def __call__(self, value: Any, where: str, hint: Any) -> Any:
@@ -230,7 +230,7 @@ class _Walk:
     def _node(self, node: dict[str, Any], where: str, hint: Any) -> Any:
         lazy = [member for member in members(hint) if is_kind(member, Part)]
         if lazy:
-            _Walk(_EVERYTHING, self.root, call=False)(node, where, (*typing.get_args(lazy[0]), Any)[0])
+            _Walk(None, self.root, call=False)(node, where, (*typing.get_args(lazy[0]), Any)[0])
             return Part(node, where)
         part, partial = _signature(Part(node, where)), bool(node.get("_partial_"))
         if not partial and (made := makes(part.target, part.hints.get("return"), hint)):
@@ -239,7 +239,8 @@ class _Walk:
             )
         given = {name: self(value, _join(where, name), self._hint(part, name, where))
                  for name, value in node.items() if name not in SPECIAL}  # fmt: skip
-        missing = [name for name in part.required if name not in given and name not in self.live]
+        known = part.required if self.live is None else self.live
+        missing = [name for name in part.required if name not in given and name not in known]
         if missing and not partial:
             raise ConfigError(f"{_join(where, missing[0])} is missing; {part.name} needs it.")
         if not self.call:
@@ -284,16 +285,6 @@ def _call(signature: Signature, where: str, /, *args: Any, **arguments: Any) -> 
             message = f"{type(error).__name__}: {message}"
         separator = "." if re.split(r"[^\w]", message)[0] in signature.parameters else ": "
         raise ConfigError(f"{where}{separator}{message}" if where else message) from error
-
-
-class _Everything:
-    """Every name is there: which live objects a part is built with is known later."""
-
-    def __contains__(self, _: object) -> bool:
-        return True
-
-
-_EVERYTHING: Any = _Everything()
 
 
 def _beside(name: str) -> str:

@@ -9,6 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from morlnav.limits import check_at_least
+
 
 def simplex_grid(num_objectives: int, steps: int) -> Tensor:
     """All preferences whose entries are multiples of ``1 / steps``, in lexicographic order.
@@ -34,8 +36,7 @@ def simplex_grid(num_objectives: int, steps: int) -> Tensor:
                 [0.5000, 0.5000],
                 [1.0000, 0.0000]])
     """
-    check_at_least("num_objectives", num_objectives, 1)
-    check_at_least("steps", steps, 1)
+    check_at_least(1, num_objectives=num_objectives, steps=steps)
     slots, bars = steps + num_objectives - 1, num_objectives - 1
     rows = comb(slots, bars)
     positions = np.fromiter(chain.from_iterable(combinations(range(slots), bars)), np.int64, rows * bars)
@@ -65,8 +66,7 @@ def preference_edges(num_objectives: int, steps: int) -> Tensor:
                 [0.5000, 0.5000],
                 [0.0000, 1.0000]])
     """
-    check_at_least("num_objectives", num_objectives, 1)
-    check_at_least("steps", steps, 1)
+    check_at_least(1, num_objectives=num_objectives, steps=steps)
     if num_objectives == 1:
         return torch.ones(1, 1)
     corners = np.eye(num_objectives, dtype=np.int64)
@@ -76,14 +76,3 @@ def preference_edges(num_objectives: int, steps: int) -> Tensor:
         for step in range(steps + 1)
     )
     return torch.tensor(list(dict.fromkeys(tuple(walk.tolist()) for walk in walks))) / steps
-
-
-def check_at_least(name: str, value: int, least: int) -> None:
-    """Refuse a ``value`` below ``least`` in one sentence.
-
-    >>> check_at_least("steps", 0, 1)
-    Traceback (most recent call last):
-    ValueError: steps must be at least 1, got 0.
-    """
-    if value < least:
-        raise ValueError(f"{name} must be at least {least}, got {value}.")

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from morlnav.cli import composed, folder, one_sentence_errors, quiet, set_threads
 from morlnav.config import check, setting
+from morlnav.limits import check_at_least
 from morlnav.navigation.audit import Behaviour
 from morlnav.navigation.audit.noise import noisy_rollouts
 from morlnav.navigation.envs import GoalProgress, NavigationEnv
@@ -47,8 +48,7 @@ class Studies:
     """
 
     def __init__(self, training: Training, episodes: int = 20) -> None:
-        if episodes < 1:
-            raise ValueError(f"episodes must be at least 1, got {episodes}.")
+        check_at_least(1, episodes=episodes)
         self.training, self.env = training, training.unpaid_env()
         self.max_steps, self.seed = live_objects(self.env)["max_steps"], training.seed
         if not isinstance(self.env.base_env, NavigationEnv):
@@ -71,8 +71,7 @@ class Studies:
             A row per level: ``epsilon``, ``baseline`` (1 pays as much as the whole way to the goal) with its bootstrap
             interval ``baseline_low`` and ``baseline_high``, and the demonstrator's own return ``demonstrator``.
         """
-        if hold < 1:
-            raise ValueError(f"hold must be at least 1, got {hold}.")
+        check_at_least(1, hold=hold)
         clone = self._clone()
         driven = noisy_rollouts(
             clone, self.scenes, levels, hold, world=self.world, max_steps=self.max_steps, seed=self.seed

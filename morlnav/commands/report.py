@@ -13,6 +13,7 @@ from morlnav.cli import folder, one_sentence_errors, quiet, set_threads, writabl
 from morlnav.deployment.policy import POLICY_FILE
 from morlnav.evaluation.seeds import aggregate_scores, compare_scores
 from morlnav.evaluation.seeds_plot import plot_curves, plot_scores
+from morlnav.limits import check_at_least
 from morlnav.navigation.evaluation.paper import TABLE_ONE, paper_name
 from morlnav.navigation.evaluation.sweep import Sweep, read_columns
 from morlnav.navigation.record.exact_front_plot import plot_reached_fronts
@@ -47,9 +48,9 @@ class Report:
     """
 
     def __init__(self, directories: list[Path], scenes: int = 4) -> None:
-        if scenes < 1:
-            raise ValueError(f"scenes must be at least 1, got {scenes}.")
-        self.source, self.directory, self.scenes = _runs(directories), directories[0], scenes
+        check_at_least(1, scenes=scenes)
+        self.source = [path for directory in directories for path in load_settings(directory)["path"]]
+        self.directory, self.scenes = directories[0], scenes
         self.sweep = Sweep(self.source)
         self.notes = list(self.sweep.notes)
         scores = self.sweep.scores()
@@ -156,15 +157,6 @@ class Report:
         page += ["## What is missing", "", *(f"- {note}" for note in self.notes or ["Nothing."]), ""]
         (output / "report.md").write_text("\n".join(page), encoding="utf-8")
         return output / "report.md"
-
-
-def _runs(directories: list[Path]) -> list[Path]:
-    """Run directories, and those in the directories of sweeps.
-
-    Raises:
-        FileNotFoundError: naming the first directory that holds no run.
-    """
-    return [path for directory in directories for path in load_settings(directory)["path"]]
 
 
 def _table_one(table: pd.DataFrame) -> pd.DataFrame:

@@ -39,7 +39,7 @@ from morlnav.cli import (
 from morlnav.config import check, plain, setting
 from morlnav.files import write_text
 from morlnav.record.console import stage
-from morlnav.runs import CONFIG_FILE, Run, make_training
+from morlnav.runs import Run, make_training
 from morlnav.runs.directory import remove_leftovers, removed_if_empty, reserved
 from morlnav.runs.resuming import options_first, resumed_words
 from morlnav.runs.settings import Settings, refuse_without_clones
@@ -84,14 +84,6 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
 
 def _is_sweep() -> bool:
     return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
-
-
-def _go_on_in_a_sweep(cfg: DictConfig, directory: Path) -> None:
-    """Mark a job of a sweep to be resumed that a sweep has begun, or finished, before."""
-    settings = Settings(cfg, directory)
-    begun = (directory / CONFIG_FILE).is_file() and not settings.changed()
-    if begun and (settings.finished() or find_checkpoints(directory)):
-        cfg.resume = str(directory)
 
 
 def _begin(settings: Settings, training: Training) -> Trainer:
@@ -218,8 +210,8 @@ def _main(cfg: DictConfig) -> float:
     directory = Path(HydraConfig.get().runtime.output_dir)
     # Here too, for Hydra would add a line of its own to an error that leaves this function.
     with removed_if_empty(directory), one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
-        if _is_sweep():
-            _go_on_in_a_sweep(cfg, directory)
+        if _is_sweep() and Settings(cfg, directory).begun():
+            cfg.resume = str(directory)  # what the same words began before
         finished = run(cfg, directory)
     if finished is None:
         sys.exit(130)  # interrupted: a sweep ends here too

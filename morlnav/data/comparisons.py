@@ -14,6 +14,8 @@ from tensordict import TensorDict
 from torch import Tensor
 from torch.nn.utils.rnn import pad_sequence
 
+from morlnav.limits import check_at_least
+
 COLUMNS = ("first", "second", "preferred")
 ANSWERS = ("first", "second", "tie")
 
@@ -153,8 +155,7 @@ class ComparedPairs:
     ) -> None:
         if not 0 < share <= 1:
             raise ValueError(f"share must be above 0 and at most 1, got {share}.")
-        if batch_size < 1:
-            raise ValueError(f"batch_size must be at least 1, got {batch_size}.")
+        check_at_least(1, batch_size=batch_size)
         if not 0 <= held_out < 1:
             raise ValueError(f"held_out must be from 0 to below 1, got {held_out}.")
         self.share, self.batch_size = share, batch_size

@@ -9,7 +9,8 @@ from math import prod
 import torch
 from torch import Tensor
 
-from morlnav.simplex import check_at_least, simplex_grid
+from morlnav.limits import check_at_least
+from morlnav.simplex import simplex_grid
 
 
 class PreferenceSampler(ABC):
@@ -33,7 +34,7 @@ class PreferenceSampler(ABC):
     """
 
     def __init__(self, num_objectives: int) -> None:
-        check_at_least("num_objectives", num_objectives, 1)
+        check_at_least(1, num_objectives=num_objectives)
         self.num_objectives = num_objectives
 
     @abstractmethod
@@ -119,8 +120,8 @@ class SegmentedPreferences(PreferenceSampler):
 
     def __init__(self, num_objectives: int, segments: int, offset: int = 0) -> None:
         super().__init__(num_objectives)
-        check_at_least("segments", segments, 1)
-        check_at_least("offset", offset, 0)
+        check_at_least(1, segments=segments)
+        check_at_least(0, offset=offset)
         self.segments = segments
         self.offset = offset
 

@@ -17,6 +17,7 @@ from tensordict import TensorDictBase
 from torchrl.envs import EnvBase
 from torchrl.envs.libs.gym import MOGymWrapper, set_gym_backend
 
+from morlnav.limits import check_at_least
 from morlnav.sentences import nearest
 
 
@@ -50,8 +51,7 @@ def MOGymnasium(id: str, num_envs: int = 1) -> EnvBase:
         Traceback (most recent call last):
         ValueError: MO-Gymnasium has no task mo-hoper-2obj-v5; did you mean mo-hopper-2obj-v5?
     """
-    if num_envs < 1:
-        raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
+    check_at_least(1, num_envs=num_envs)
     with set_gym_backend("gymnasium"):
         return _Tasks(_Vector([lambda: _make(id)] * num_envs))
 

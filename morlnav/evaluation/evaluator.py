@@ -14,6 +14,7 @@ from morlnav.evaluation.front import describe_front, front_table, read_reference
 from morlnav.evaluation.labels import preference_label
 from morlnav.evaluation.pareto import expected_utility
 from morlnav.evaluation.returns import discounted_returns, eval_env
+from morlnav.limits import check_at_least
 from morlnav.record.markdown import markdown_table
 from morlnav.simplex import preference_edges, simplex_grid
 
@@ -55,9 +56,7 @@ class Evaluation:
         scalarisation: nn.Module | None = None,
         max_steps: int = 1000,
     ) -> None:
-        for name, value in {"episodes": episodes, "steps": steps}.items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}.")
+        check_at_least(1, episodes=episodes, steps=steps)
         if not 0 <= seed < HELD_OUT:
             raise ValueError(f"seed must be a whole number from 0 to 2**31 - 1, got {seed}.")
         self.episodes, self.steps, self.seed = episodes, steps, seed

@@ -118,18 +118,6 @@ def front_table(
     return table
 
 
-def points_below(table: pd.DataFrame) -> int:
-    """How many points of a :func:`front_table` do not exceed its reference point and add nothing to the hypervolume.
-
-    >>> points = torch.tensor([[2.0, 1.0], [-1.0, 3.0]])
-    >>> points_below(front_table(torch.eye(2), points, ["speed", "comfort"], torch.zeros(2)))
-    1
-    """
-    names = [name.removeprefix("reference_") for name in table if name.startswith("reference_")]
-    exceeds = [table[f"return_{name}"] > table[f"reference_{name}"] for name in names]
-    return int((~pd.concat(exceeds, axis=1).all(axis=1)).sum()) if names else 0
-
-
 def describe_front(table: pd.DataFrame) -> str:
     """One or two sentences on the quality of a :func:`front_table`.
 
@@ -150,6 +138,7 @@ def describe_front(table: pd.DataFrame) -> str:
         f"Expected utility {first['expected_utility']:.1f}, hypervolume {first['hypervolume']:.4g} above the "
         f"reference point ({point})."
     )
-    below = points_below(table)
+    exceeds = pd.concat([table[f"return_{name}"] > table[f"reference_{name}"] for name in names], axis=1).all(axis=1)
+    below = int((~exceeds).sum())
     verbs = "lies below the reference point and adds" if below == 1 else "lie below the reference point and add"
     return f"{text}\n{below} of {len(table)} points {verbs} nothing." if below else text

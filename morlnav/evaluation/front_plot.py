@@ -24,9 +24,6 @@ def plot_front(table: pd.DataFrame) -> Figure:
     Args:
         table: from :func:`~morlnav.evaluation.front_table`, of any task.
 
-    Returns:
-        A figure; save it with ``figure.savefig("front.png", dpi=150)``.
-
     Raises:
         ValueError: if there are fewer than two objectives.
 

@@ -22,9 +22,6 @@ def plot_curves(logs: pd.DataFrame, settings: Mapping[str, str], metrics: Mappin
         settings: the setting of each run, such as from :func:`~morlnav.analysis.load_settings`.
         metrics: what is drawn, with a title for each panel.
 
-    Returns:
-        A figure; save it with ``figure.savefig("curves.png", dpi=150)``.
-
     Examples:
         >>> logs = pd.DataFrame({"run": ["0", "0"], "metric": "train/success", "step": [10, 20], "value": [0.1, 0.2]})
         >>> len(plot_curves(logs, {"0": "our"}, {"train/success": "success"}).axes)
@@ -55,9 +52,6 @@ def plot_scores(table: pd.DataFrame) -> Figure:
 
     Args:
         table: from :func:`~morlnav.evaluation.seeds.aggregate_scores`.
-
-    Returns:
-        A figure; save it with ``figure.savefig("scores.png", dpi=150)``.
 
     Examples:
         >>> row = {"score": "success", "setting": "our", "iqm": 0.9, "iqm_low": 0.8, "iqm_high": 1.0}

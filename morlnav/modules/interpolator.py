@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import normalize
 
+from morlnav.limits import check_at_least
 from morlnav.modules.scalarisation import LinearScalarisation
 from morlnav.simplex import simplex_grid
 
@@ -77,8 +78,7 @@ class PreferenceInterpolator(nn.Module):
             raise ValueError(f"preferences must have the shape [K, {num_objectives}], got {tuple(keys.shape)}.")
         if repeated := len(keys) - len(keys.unique(dim=0)):
             raise ValueError(f"Each key preference must occur once, got {repeated} of {len(keys)} repeated.")
-        if num_static < 0:
-            raise ValueError(f"num_static must be at least 0, got {num_static}.")
+        check_at_least(0, num_static=num_static)
         if not 0 < decay <= 1:
             raise ValueError(f"decay must be above 0 and at most 1, got {decay}.")
         self.num_static = num_static

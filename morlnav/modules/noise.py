@@ -11,6 +11,7 @@ from torch import Tensor
 from torchrl.data import TensorSpec
 from torchrl.modules import AdditiveGaussianModule
 
+from morlnav.limits import check_at_least
 from morlnav.modules.networks import ActionBounds
 
 
@@ -130,8 +131,7 @@ class EpsilonGreedyNoise(ActionBounds):
         epsilon = torch.as_tensor(epsilon, dtype=torch.float32)
         if not ((epsilon >= 0) & (epsilon <= 1)).all():
             raise ValueError(f"epsilon must be between 0 and 1, got {epsilon.tolist()}.")
-        if hold < 1:
-            raise ValueError(f"hold must be at least 1 step, got {hold}.")
+        check_at_least(1, hold=hold)
         self.register_buffer("epsilon", epsilon)
         self.hold = hold
         self.generator = generator

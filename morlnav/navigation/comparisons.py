@@ -13,6 +13,7 @@ from torch import Tensor
 
 from morlnav.data.comparisons import ComparedPairs, read_comparisons
 from morlnav.files import sha256
+from morlnav.limits import check_at_least
 from morlnav.modules.mode import eval_mode
 from morlnav.navigation.demonstrations import demonstrations_digest, recorded_demonstrations
 from morlnav.navigation.demonstrations.record import roll_out, successes
@@ -124,8 +125,7 @@ def draw_pairs(scenes: int, preferences: int, num: int, seed: int = 0) -> list[t
         >>> draw_pairs(scenes=1, preferences=3, num=3)
         [(2, 1), (1, 0), (2, 0)]
     """
-    if scenes < 1:
-        raise ValueError(f"scenes must be at least 1, got {scenes}.")
+    check_at_least(1, scenes=scenes)
     styles = list(combinations(range(preferences), 2))
     every = [(first * scenes + s, second * scenes + s) for first, second in styles for s in range(scenes)]
     if not 1 <= num <= len(every):

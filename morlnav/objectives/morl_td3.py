@@ -14,6 +14,7 @@ from torchrl.data import TensorSpec
 from torchrl.envs.utils import step_mdp
 from torchrl.objectives.utils import distance_loss
 
+from morlnav.limits import check_at_least
 from morlnav.modules.scalarisation import LinearScalarisation
 from morlnav.objectives.actor_critic import VectorActorCriticLoss
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
@@ -106,10 +107,8 @@ class MORLTD3Loss(VectorActorCriticLoss):
             raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
         if not 0 <= pessimism <= 1:
             raise ValueError(f"pessimism must be between 0 and 1, got {pessimism}.")
-        if num_qvalue_nets < 1:
-            raise ValueError(f"num_qvalue_nets must be at least 1, got {num_qvalue_nets}.")
-        if policy_noise < 0 or noise_clip < 0:
-            raise ValueError(f"policy_noise and noise_clip must not be negative, got {policy_noise} and {noise_clip}.")
+        check_at_least(1, num_qvalue_nets=num_qvalue_nets)
+        check_at_least(0, policy_noise=policy_noise, noise_clip=noise_clip)
         if not 1 <= actor_qvalue_nets <= num_qvalue_nets:
             raise ValueError(f"actor_qvalue_nets must be between 1 and {num_qvalue_nets}, got {actor_qvalue_nets}.")
         terms = {name: term for name, term in (terms or {}).items() if term is not None}

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from tensordict import TensorDict, TensorDictBase, TensorDictParams
+from tensordict import TensorDict, TensorDictBase, TensorDictParams, unravel_key
 from tensordict.nn import TensorDictModule, dispatch
 from tensordict.utils import NestedKey
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 from torchrl.objectives.common import LossModule
 
+from morlnav.limits import check_positive
 from morlnav.objectives.padding import blank_padding
 
 AGGREGATES = ("mean", "sum")
@@ -87,8 +88,7 @@ class RankingLoss(LossModule):
         super().__init__()
         if aggregate not in AGGREGATES:
             raise ValueError(f"aggregate must be one of {', '.join(AGGREGATES)}, got {aggregate}.")
-        if temperature <= 0:
-            raise ValueError(f"temperature must be positive, got {temperature}.")
+        check_positive(temperature=temperature)
         self.is_ensemble = not isinstance(reward_network, TensorDictModule)
         members = nn.ModuleList(reward_network if self.is_ensemble else [reward_network])
         if not len(members):
@@ -108,7 +108,9 @@ class RankingLoss(LossModule):
         if self._in_keys is None:
             keys = dict.fromkeys(key for member in self.reward_network for key in member.in_keys)
             self._in_keys = [
-                _nested(snippet, key) for snippet in (self.tensor_keys.better, self.tensor_keys.worse) for key in keys
+                unravel_key((snippet, key))
+                for snippet in (self.tensor_keys.better, self.tensor_keys.worse)
+                for key in keys
             ]
         return self._in_keys
 
@@ -166,10 +168,3 @@ class RankingLoss(LossModule):
             return reward.mean(-1) if self.aggregate == "mean" else reward.sum(-1)
         total = torch.where(mask, reward, 0.0).sum(-1)
         return total / mask.sum(-1).clamp_min(1) if self.aggregate == "mean" else total
-
-
-def _nested(snippet: NestedKey, key: NestedKey) -> tuple[str, ...]:
-    def parts(k: NestedKey) -> tuple[str, ...]:
-        return (k,) if isinstance(k, str) else tuple(k)
-
-    return parts(snippet) + parts(key)

@@ -13,12 +13,16 @@ import yaml
 CONFIG_FILE = "config.yaml"
 
 
-def load_config(directory: str | Path) -> dict[str, Any]:
+def load_config(directory: str | Path, of_this_version: bool = False) -> dict[str, Any]:
     """What a run was made with; its text is taken as it is, and nothing in it is resolved.
+
+    Args:
+        directory: of the run.
+        of_this_version: refuse a run of an older version, whose config has another structure.
 
     Raises:
         FileNotFoundError: if the directory holds no run.
-        ValueError: if its config is damaged.
+        ValueError: if its config is damaged, or of an older version, which is named.
 
     Examples:
         >>> load_config("results/default")["seed"]
@@ -30,6 +34,8 @@ def load_config(directory: str | Path) -> dict[str, Any]:
     config = read_yaml(path)
     if not isinstance(config, dict):
         raise ValueError(f"{path} is damaged: it maps no keys to values.")
+    if of_this_version and "_target_" not in config:
+        raise ValueError(f"{directory} was made by morlnav 0.1; this version reads runs since 0.2, so train it again.")
     return config
 
 
@@ -43,16 +49,6 @@ def read_yaml(path: Path) -> Any:
         return yaml.safe_load(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, ValueError) as error:
         raise ValueError(f"{path} is damaged: it is no YAML.") from error
-
-
-def refuse_old(config: dict[str, Any], directory: Path) -> None:
-    """Refuse a run of an older version, whose config has another structure.
-
-    Raises:
-        ValueError: naming the version.
-    """
-    if "_target_" not in config:
-        raise ValueError(f"{directory} was made by morlnav 0.1; this version reads runs since 0.2, so train it again.")
 
 
 def flat_settings(config: Mapping[str, Any], run: Path) -> dict[str, object]:

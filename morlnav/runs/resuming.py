@@ -14,7 +14,7 @@ from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
 from morlnav.cli import conf_dir
-from morlnav.runs.config import CONFIG_FILE, load_config, read_yaml, refuse_old
+from morlnav.runs.config import CONFIG_FILE, load_config, read_yaml
 from morlnav.runs.trust import foreign_targets, targets
 
 IN_HYDRA = ("callbacks", "job_logging", "hydra_logging", "launcher", "sweeper", "job.env_set", "job.chdir")
@@ -52,7 +52,7 @@ def resumed_words(words: Sequence[str]) -> tuple[list[str], bool]:
     if not (directory / ".hydra" / "overrides.yaml").is_file():
         raise ValueError(f"resume={place}: no run of morlnav-train there.")
     if (directory / CONFIG_FILE).is_file():
-        refuse_old(load_config(directory), directory)
+        load_config(directory, of_this_version=True)
     began = _words_of_a_run(directory / ".hydra" / "overrides.yaml")
     folders = _folders_of_configs(directory / ".hydra" / "hydra.yaml", trust)
     joined = [*folders, *began, *typed]

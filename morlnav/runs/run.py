@@ -10,7 +10,7 @@ from typing import Any
 from morlnav.config import build, plain
 from morlnav.deployment import Policy, load
 from morlnav.evaluation import Evaluation
-from morlnav.runs.config import CONFIG_FILE, load_config, refuse_old
+from morlnav.runs.config import CONFIG_FILE, load_config
 from morlnav.runs.trust import foreign_targets
 from morlnav.trainers import LearnedReward, Training
 
@@ -40,7 +40,11 @@ class Run:
 
     def __init__(self, directory: str | Path, trust: bool = False, changes: Mapping[str, Any] | None = None) -> None:
         self.directory, self.trust = Path(directory), trust
-        self.config = readable(load_config(directory), self.directory)
+        self.config = load_config(directory, of_this_version=True) | {"device": "cpu"}  # wherever it was trained
+        if "${" in str(self.config):  # runs are saved resolved, and a resolver could make up a class
+            raise ValueError(f"The config of a run holds no interpolation, but that of {directory} does.")
+        if not isinstance(self.config.get("evaluation"), dict):
+            raise ValueError(f"{self.directory / CONFIG_FILE} is damaged: it names no evaluation.")
         if not trust and (foreign := foreign_targets(self.config)):
             raise ValueError(
                 f"This run uses the foreign {foreign[0]}; if it is your own, trust it (--trust, or trust=True)."
@@ -66,20 +70,6 @@ class Run:
     def evaluation(self) -> Evaluation:
         """What measures the policy."""
         return self.training.make_evaluation(self.learned)
-
-
-def readable(config: dict[str, Any], directory: Path) -> dict[str, Any]:
-    """The config of a run that this version made, for use on the CPU wherever it was trained.
-
-    Raises:
-        ValueError: if it is older, or holds what a run does not.
-    """
-    if "${" in str(config):  # runs are saved resolved, and a resolver could make up a class
-        raise ValueError(f"The config of a run holds no interpolation, but that of {directory} does.")
-    refuse_old(config, directory)
-    if not isinstance(config.get("evaluation"), dict):
-        raise ValueError(f"{directory / CONFIG_FILE} is damaged: it names no evaluation.")
-    return config | {"device": "cpu"}
 
 
 def make_training(config: Mapping[str, Any]) -> Training:

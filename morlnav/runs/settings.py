@@ -13,6 +13,7 @@ from morlnav.deployment.policy import POLICY_FILE
 from morlnav.files import write_text
 from morlnav.modules import read_facts, write_facts
 from morlnav.runs.config import CONFIG_FILE, flat_settings, load_config
+from morlnav.trainers.checkpoint import find_checkpoints
 from morlnav.trainers.drex import CLONE_FILE, REWARD_FILE, LearnedReward
 
 NO_RESULT_DEPENDS_ON = ("cache", "trainer.progress_bar")
@@ -77,6 +78,11 @@ class Settings:
             frames = read_facts(self.directory / POLICY_FILE).get("frames", -1)
             return frames >= OmegaConf.select(self.cfg, "trainer.total_frames", default=0) and not self.changed()
         return False
+
+    def begun(self) -> bool:
+        """Whether a run with this config has finished here, or left a checkpoint to go on from."""
+        same = (self.directory / CONFIG_FILE).is_file() and not self.changed()
+        return same and (self.finished() or bool(find_checkpoints(self.directory)))
 
     def refuse_another_run(self) -> None:
         """Refuse to begin a run where one has begun, lest its outputs pass for those of this config.

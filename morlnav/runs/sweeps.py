@@ -33,7 +33,11 @@ class Sweeps(Callback):
                 words = [f"{key}={value}" for key, value in (config.hydra.sweeper.params or {}).items()]
                 parsed = OverridesParser.create().parse_overrides([*words, *config.hydra.overrides.task])
                 for job in BasicSweeper.split_arguments(parsed, None)[0]:
-                    _rehearse(job, compose(config.hydra.job.config_name, job))
+                    try:
+                        with tempfile.TemporaryDirectory() as scratch:
+                            make_training(compose(config.hydra.job.config_name, job)).rehearse(Path(scratch))
+                    except ValueError as error:
+                        raise ValueError(f"{' '.join(job)}: {error}") from error
 
     @classmethod
     def forget_refused(cls) -> None:
@@ -42,11 +46,3 @@ class Sweeps(Callback):
         if folder is not None and [path.name for path in folder.glob("*")] == ["multirun.yaml"]:
             with removed_if_empty(folder):
                 (folder / "multirun.yaml").unlink()
-
-
-def _rehearse(words: list[str], cfg: DictConfig) -> None:
-    try:
-        with tempfile.TemporaryDirectory() as scratch:
-            make_training(cfg).rehearse(Path(scratch))
-    except ValueError as error:
-        raise ValueError(f"{' '.join(words)}: {error}") from error

@@ -38,7 +38,8 @@ class Cache:
 
     Examples:
         >>> cache = Cache(tempfile.mkdtemp(), {"env": {}, "clone": {"depth": 3}}, seed=0, show=False)
-        >>> linear, facts = cache.keep_module("clone", lambda: (_example(), {"loss": 0.5}))
+        >>> from morlnav.modules import Flat
+        >>> flat, facts = cache.keep_module("clone", lambda: (Flat(3), {"loss": 0.5}))
         >>> cache.keep_module("clone", lambda: 1 / 0)[1]
         {'loss': 0.5}
     """
@@ -165,9 +166,3 @@ def _refused_if_damaged(path: Path, found: bool) -> Iterator[None]:
             raise
         reason = str(error).removesuffix(".")
         raise ValueError(f"The cache holds damaged files ({reason}); delete {path}, and they are made anew.") from error
-
-
-def _example() -> nn.Module:
-    from morlnav.modules import Flat
-
-    return Flat(3)

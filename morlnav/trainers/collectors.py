@@ -19,6 +19,7 @@ from torchrl.collectors import BaseCollector, Collector
 from torchrl.envs import EnvBase, TransformedEnv
 
 from morlnav.config import ConfigError, Part, supply, takes
+from morlnav.limits import check_at_least
 from morlnav.sentences import causes
 
 
@@ -32,8 +33,7 @@ def num_workers(collector: Part[BaseCollector] | Callable[..., BaseCollector]) -
     if "total_frames" in settings:
         raise ValueError("collector.total_frames is trainer.total_frames; collectors are endless.")
     number = settings.get("num_collectors")
-    if number is not None and number < 1:
-        raise ValueError(f"collector.num_collectors must be at least 1, got {number}.")
+    check_at_least(1, **{"collector.num_collectors": number})
     return number or 0
 
 

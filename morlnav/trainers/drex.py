@@ -15,6 +15,7 @@ from torchrl.envs import EnvBase
 from torchrl.record.loggers import Logger
 
 from morlnav.config import classes, supply
+from morlnav.limits import check_at_least, check_positive
 from morlnav.modules import load_module, read_facts, save_module
 from morlnav.trainers.cache import Cache
 from morlnav.trainers.live import live_objects
@@ -82,10 +83,8 @@ class DREX:
         config: Mapping[str, Any] | None = None,
         progress_bar: bool = True,
     ) -> None:
-        if num < 1:
-            raise ValueError(f"num must be at least 1, got {num}.")
-        if scale <= 0:
-            raise ValueError(f"scale must be positive, got {scale}.")
+        check_at_least(1, num=num)
+        check_positive(scale=scale)
         self.num = num
         self.demonstrations = {name: source for name, source in demonstrations.items() if source is not None}
         self.clone, self.ranking, self.audit = clone, ranking, audit

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from morlnav.evaluation import Evaluation, utility
+from morlnav.limits import check_at_least
 from morlnav.trainers.hooks import PeriodicHook, log_scalar
 
 
@@ -30,8 +31,7 @@ class FitInterpolator(PeriodicHook):
         self, interval: int = 40_000, episodes: int = 12, *, evaluation: Evaluation, policy: torch.nn.Module
     ) -> None:
         super().__init__(interval)
-        if episodes < 1:
-            raise ValueError(f"episodes must be at least 1, got {episodes}.")
+        check_at_least(1, episodes=episodes)
         self.episodes, self.evaluation, self.policy = episodes, evaluation, policy
 
     def __call__(self) -> None:

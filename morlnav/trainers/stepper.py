@@ -18,6 +18,7 @@ from torchrl.trainers.algorithms.td3 import TD3OptimizationStepper
 from torchrl.trainers.trainers import Trainer
 
 from morlnav.config import Part, setting, supply, takes
+from morlnav.limits import check_at_least
 from morlnav.objectives import MORLTD3Loss
 
 TD3_KEYS = frozenset(TD3Loss.out_keys)
@@ -96,8 +97,7 @@ class MORLTD3Stepper(TD3OptimizationStepper):
         actor: nn.Module,
         total_updates: int = 1,
     ) -> None:
-        if policy_update_delay < 1:
-            raise ValueError(f"policy_update_delay must be at least 1, got {policy_update_delay}.")
+        check_at_least(1, policy_update_delay=policy_update_delay)
         if not 0 <= average_decay < 1:
             raise ValueError(f"average_decay must be from 0 to below 1, got {average_decay}.")
         tau = setting(target_net_updater, "tau") if "tau" in takes(target_net_updater) else None

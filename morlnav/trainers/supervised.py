@@ -13,6 +13,7 @@ from torchrl.objectives.common import LossModule
 from torchrl.record.loggers import Logger
 from tqdm import trange
 
+from morlnav.limits import check_at_least, check_positive
 from morlnav.modules.mode import eval_mode
 
 
@@ -46,11 +47,9 @@ class Fit:
     def __init__(
         self, steps: int, lr: float = 1e-3, weight_decay: float = 1e-2, interval: int = 100, patience: int = 10
     ) -> None:
-        for name, value in {"steps": steps, "interval": interval, "patience": patience}.items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}.")
-        if lr <= 0 or weight_decay < 0:
-            raise ValueError(f"lr must be positive and weight_decay not negative, got {lr} and {weight_decay}.")
+        check_at_least(1, steps=steps, interval=interval, patience=patience)
+        check_at_least(0, weight_decay=weight_decay)
+        check_positive(lr=lr)
         self.steps, self.lr, self.weight_decay = steps, lr, weight_decay
         self.interval, self.patience = interval, patience
 
@@ -88,7 +87,7 @@ class Fit:
         best, best_state, waited = {}, deepcopy(loss.state_dict()), 0
         bar = trange(self.steps, desc=f"  {name}", disable=not progress_bar, leave=False)
         for step in bar:
-            total = _total(loss(sample()))
+            total = sum(value.sum() for key, value in loss(sample()).items() if key.startswith("loss"))
             optimizer.zero_grad(set_to_none=True)
             total.backward()
             optimizer.step()
@@ -116,7 +115,3 @@ class Fit:
 
 def _sum(scores: dict[str, float]) -> float:
     return sum(value for key, value in scores.items() if key.startswith("loss"))
-
-
-def _total(out: TensorDictBase) -> torch.Tensor:
-    return sum(value.sum() for key, value in out.items() if key.startswith("loss"))

@@ -13,6 +13,7 @@ from torchrl.objectives import LossModule
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import OptimizationStepper, Trainer
 
+from morlnav.limits import check_at_least, check_positive
 from morlnav.trainers.checkpoint import ListedCheckpoint
 
 
@@ -57,18 +58,10 @@ class MORLTrainer(Trainer):
         directory: Path,
         components: Mapping[str, Any],
     ) -> None:
-        counts = {
-            "total_frames": total_frames,
-            "optim_steps_per_batch": optim_steps_per_batch,
-            "log_interval": log_interval,
-            "checkpoint_interval": checkpoint_interval,
-            "keep_checkpoints": keep_checkpoints,
-        }
-        for name, value in counts.items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}.")
-        if clip_norm is not None and clip_norm <= 0:
-            raise ValueError(f"clip_norm must be positive, or null, got {clip_norm}.")
+        check_at_least(1, total_frames=total_frames, optim_steps_per_batch=optim_steps_per_batch)
+        check_at_least(1, log_interval=log_interval, checkpoint_interval=checkpoint_interval)
+        check_at_least(1, keep_checkpoints=keep_checkpoints)
+        check_positive(clip_norm=clip_norm)
         super().__init__(
             collector=collector,
             total_frames=total_frames,

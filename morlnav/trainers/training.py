@@ -26,6 +26,7 @@ from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, 
 from morlnav.config import Part, as_part, build, check, setting, supply, takes
 from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
+from morlnav.limits import check_at_least
 from morlnav.objectives import MORLTD3Loss
 from morlnav.sentences import first_line
 from morlnav.trainers.collectors import RolloutState, make_collector, num_workers, share_of
@@ -215,8 +216,9 @@ class Training:
         collector = make_collector(  # last, for an error after it would leave its workers behind
             self.collector, make_env, TensorDictSequential(policy, noise), env=env, seed=self.seed, device=self.device
         )
-        kept = not num_workers(self.collector) and RolloutState.can_hold(env)
-        rollout = {"rollout": RolloutState(collector)} if kept else {}
+        components = {"average": stepper.average}
+        if not num_workers(self.collector) and RolloutState.can_hold(env):
+            components["rollout"] = RolloutState(collector)
         trainer = supply(
             self.trainer,
             collector=collector,
@@ -225,7 +227,7 @@ class Training:
             replay_buffer=replay,
             logger=logger,
             directory=directory,
-            components={"average": stepper.average, **rollout},
+            components=components,
         )
         live |= {"policy": stepper.average.module, "loss": loss, "exploration": noise, "trainer": trainer}
         live |= {"total_frames": trainer.total_frames, "evaluation": self.make_evaluation(learned), "learned": learned}
@@ -359,8 +361,7 @@ class Training:
                 f"collector.frames_per_batch ({frames}) must be a positive multiple of the {side_by_side} environments "
                 f"(env.num_envs)."
             )
-        if (random := setting(self.collector, "init_random_frames")) is not None and random < 0:
-            raise ValueError(f"collector.init_random_frames must not be negative, got {random}.")
+        check_at_least(0, **{"collector.init_random_frames": setting(self.collector, "init_random_frames")})
         return frames
 
 

@@ -14,6 +14,8 @@ from torch import Tensor, nn
 from torchrl.data import Composite, Unbounded
 from torchrl.envs import Transform
 
+from morlnav.limits import check_at_least
+
 
 class DemonstrationReward(Transform):
     """Inserts ``scale·(R̂(s_t, a_t) + offset)`` into the reward vector, or writes it over an entry (Sec. III-D.3).
@@ -65,8 +67,7 @@ class DemonstrationReward(Transform):
         for key, value in {"scale": scale, "offset": offset}.items():
             if not (isinstance(value, Real) and math.isfinite(value)):
                 raise ValueError(f"DemonstrationReward needs a finite number as {key}, got {value}.")
-        if entry < 0:
-            raise ValueError(f"entry must not be negative, got {entry}.")
+        check_at_least(0, entry=entry)
         frozen = isinstance(reward_model, nn.Module)
         self.reward_model = copy.deepcopy(reward_model).eval().requires_grad_(False) if frozen else reward_model
         self.scale = scale

@@ -8,6 +8,7 @@ from tensordict.utils import NestedKey, expand_right
 from torchrl.envs import Transform
 
 from morlnav.data.preferences import PreferenceSampler
+from morlnav.limits import check_at_least
 
 
 class HindsightPreferenceRelabel(Transform):
@@ -57,8 +58,7 @@ class HindsightPreferenceRelabel(Transform):
         super().__init__()
         if not 0 <= share <= 1:
             raise ValueError(f"share must be between 0 and 1, got {share}.")
-        if num_relabels < 1:
-            raise ValueError(f"num_relabels must be at least 1, got {num_relabels}.")
+        check_at_least(1, num_relabels=num_relabels)
         self.sampler = sampler
         self.share = share
         self.num_relabels = num_relabels

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from torchrl.envs import RewardScaling
 
+from morlnav.limits import check_positive
+
 
 class ScaleReward(RewardScaling):
     """Replay-buffer transform: TorchRL's ``RewardScaling`` of stored transitions, so that logs and files stay raw.
@@ -23,6 +25,5 @@ class ScaleReward(RewardScaling):
     """
 
     def __init__(self, scale: float = 0.01) -> None:
-        if scale <= 0:
-            raise ValueError(f"scale must be positive, got {scale}.")
+        check_positive(scale=scale)
         super().__init__(loc=0.0, scale=scale, in_keys=[("next", "reward")])

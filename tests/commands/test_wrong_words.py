@@ -101,13 +101,13 @@ RUN --offset -inf                        | expected one argument
 RUN --scenes 0                           | rewards.audit.num_scenes must be at least 1, got 0
 RUN --scenes -1                          | rewards.audit.num_scenes must be at least 1
 RUN --scenes 1.5                         | argument --scenes: invalid int value
-RUN --plans -1                           | rewards.audit.plans, scene_seed and seed must not be negative
+RUN --plans -1                           | rewards.audit.plans must not be negative
 RUN --plans 0 --bare                     | --bare is about planned scenes
 BLOCKED                                  | blocked/audit is a file, and no folder for results
 RUN --plans x                            | argument --plans: invalid int value
-RUN --scene-seed -1                      | rewards.audit.plans, scene_seed and seed must not be negative
+RUN --scene-seed -1                      | rewards.audit.scene_seed must not be negative
 RUN --scene-seed 1e3                     | argument --scene-seed: invalid int value
-RUN --seed -1                            | scene_seed and seed must not be negative
+RUN --seed -1                            | rewards.audit.seed must not be negative
 RUN --seed x                             | argument --seed: invalid int value
 RUN --threads 0                          | threads must be from 1 to 1024
 RUN --threads 1000000                    | threads must be from 1 to 1024

@@ -51,7 +51,7 @@ actor.features.octaves=-1                           | actor.features.octaves mus
 actor.features.use_lidar=1                          | actor.features.use_lidar must be true or false
 critic.afterstate.lookahead=[abc]                   | critic.afterstate.lookahead[0] must be a number
 loss.policy_noise=nan                               | loss.policy_noise must be a finite number
-loss.policy_noise=-1                                | loss.policy_noise and noise_clip must not be negative
+loss.policy_noise=-1                                | loss.policy_noise must not be negative
 loss.loss_function=l3                               | loss.loss_function must be one of l2, l1, smooth_l1
 loss.pessimism=2                                    | loss.pessimism must be between 0 and 1
 loss.num_qvalue_nets=0                              | loss.num_qvalue_nets must be at least 1
@@ -121,7 +121,7 @@ rewards.ranking.batch_size=0                        | rewards.ranking.batch_size
 rewards.ranking.held_out=2                          | held_out=2 keeps none of 4 episodes
 rewards.ranking.noise.hold=0                        | rewards.ranking.noise.hold must be at least 1
 rewards.audit.num_scenes=0                          | rewards.audit.num_scenes must be at least 1
-rewards.audit.plans=-1                              | rewards.audit.plans, scene_seed and seed must not be negative
+rewards.audit.plans=-1                              | rewards.audit.plans must not be negative
 rewards.demonstrations.demo.policy.speed=9          | rewards.demonstrations.demo.policy.speed must be at most the robot's 0.5
 rewards.demonstrations.demo.num_envs=0              | rewards.demonstrations.demo.num_envs must be at least 1
 refinement.drives=-1                                | refinement.drives must be at least 0, got -1

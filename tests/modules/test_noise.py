@@ -129,7 +129,7 @@ def test_it_acts_in_a_deterministic_rollout_of_a_single_environment():
 def test_mistakes_are_named_in_one_sentence():
     with pytest.raises(ValueError, match=r"between 0 and 1, got 1\.5"):
         EpsilonGreedyNoise(1.5, LOW, HIGH)
-    with pytest.raises(ValueError, match="at least 1 step, got 0"):
+    with pytest.raises(ValueError, match="at least 1, got 0"):
         EpsilonGreedyNoise(0.5, LOW, HIGH, hold=0)
     with pytest.raises(ValueError, match=r"Got \[2\] values of epsilon for actions of \[3\]"):
         EpsilonGreedyNoise(torch.rand(2), LOW, HIGH)(torch.zeros(3, 2))

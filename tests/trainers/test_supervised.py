@@ -53,7 +53,7 @@ def test_the_best_weights_are_kept_and_it_stops_early():
         ({"steps": 1, "interval": 0}, "interval must be at least 1, got 0"),
         ({"steps": 1, "patience": 0}, "patience must be at least 1, got 0"),
         ({"steps": 1, "lr": 0.0}, "lr must be positive"),
-        ({"steps": 1, "weight_decay": -0.1}, "weight_decay not negative"),
+        ({"steps": 1, "weight_decay": -0.1}, "weight_decay must not be negative"),
     ],
 )
 def test_numbers_out_of_range_are_refused(settings, sentence):

@@ -10,6 +10,7 @@ from typing import Any
 
 from torch import Tensor, nn
 
+from morlnav.limits import check_at_least
 from morlnav.navigation.audit.report import write_audit
 from morlnav.navigation.audit.verdict import Audit, audit_reward
 from morlnav.navigation.evaluation import evaluation_scenes
@@ -49,10 +50,8 @@ class RewardAudit:
         max_steps: int = 250,
         seed: int = 0,
     ) -> None:
-        if num_scenes < 1:
-            raise ValueError(f"num_scenes must be at least 1, got {num_scenes}.")
-        if min(plans, scene_seed, seed) < 0:
-            raise ValueError(f"plans, scene_seed and seed must not be negative, got {plans}, {scene_seed} and {seed}.")
+        check_at_least(1, num_scenes=num_scenes)
+        check_at_least(0, plans=plans, scene_seed=scene_seed, seed=seed)
         self.required, self.plans, self.bare = required, plans, bare
         self.num_scenes, self.scene_seed = num_scenes, scene_seed
         self.world, self.scenes, self.observe_human = world, scenes, observe_human
@@ -99,7 +98,7 @@ class RewardAudit:
 
     def _on_whole_observations(self, policy: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
         """A network sees what it learned from; a hand-written policy sees the human in any case."""
-        if self.observe_human or not _is_learned(policy):
+        if self.observe_human or not isinstance(policy, nn.Module) or next(policy.parameters(), None) is None:
             return policy
         return lambda observation: policy(without_human(observation))
 
@@ -107,7 +106,3 @@ class RewardAudit:
     def read(report: Path) -> dict[str, Any]:
         """The verdict of :meth:`judge`: ``passed``, ``reasons`` and facts."""
         return json.loads((report / "audit.json").read_text())
-
-
-def _is_learned(policy: Any) -> bool:
-    return isinstance(policy, nn.Module) and any(True for _ in policy.parameters())

@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 import torch
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
 
-from morlnav.navigation.record.plots import BOX, GOAL, HUMAN, tidy
+from morlnav.navigation.record.plots import HUMAN, draw_scene, tidy
 from morlnav.record.colours import COLOURS, INK
 
 if TYPE_CHECKING:
@@ -23,9 +22,6 @@ def plot_margins(behaviours: pd.DataFrame) -> Figure:
 
     Args:
         behaviours: the frame of an :class:`~morlnav.navigation.audit.Audit`.
-
-    Returns:
-        A figure; save it with ``figure.savefig("margins.png", dpi=150)``.
 
     Examples:
         >>> rows = {"behaviour": ["target", "idle"], "margin": [np.nan, 2000.0], "margin_low": [np.nan, 1900.0],
@@ -60,9 +56,6 @@ def plot_noise(noise: pd.DataFrame, calibration: pd.DataFrame) -> Figure:
     Args:
         noise: the frame of an :class:`~morlnav.navigation.audit.Audit`.
         calibration: the same.
-
-    Returns:
-        A figure; save it with ``figure.savefig("noise.png", dpi=150)``.
     """
     figure = Figure(figsize=(9.4, 3.1), layout="constrained", facecolor="w")
     reward, baseline, pairs = figure.subplots(1, 3)
@@ -97,9 +90,6 @@ def plot_plans(
         human_radius: in metres.
         robot_radius: in metres; drawn as a ring around the start.
 
-    Returns:
-        A figure; save it with ``figure.savefig("plans.png", dpi=150)``.
-
     Raises:
         ValueError: if nothing is planned.
     """
@@ -112,16 +102,9 @@ def plot_plans(
         x, y = plan.grid.unbind(-1)
         image = axes.pcolormesh(x, y, plan.reward_map, cmap="Greens", vmin=0, vmax=1, shading="nearest", zorder=0)
         image.set_rasterized(True)
-        for cx, cy, length, width, angle in plan.scene.boxes.tolist():
-            style = {"facecolor": BOX, "edgecolor": "#9aa0a8", "lw": 0.8, "zorder": 2}
-            corner, size = (cx - length, cy - width), (2 * length, 2 * width)
-            axes.add_patch(Rectangle(corner, *size, angle=np.degrees(angle), rotation_point="center", **style))
-        axes.add_patch(Circle(plan.scene.human.tolist(), human_radius, facecolor=HUMAN, edgecolor="#a83232", zorder=2))
-        axes.add_patch(Circle(plan.scene.start[:2].tolist(), robot_radius, fill=False, edgecolor=INK, zorder=5))
+        draw_scene(axes, plan.scene, human_radius, robot_radius)
         axes.plot(*reference.cpu().T, color=INK, lw=1.2, ls=(0, (1, 1.5)), zorder=6, label="demonstration")
         axes.plot(*plan.path.T, color=COLOURS["distance"], lw=1.8, zorder=5, label="optimum of the reward")
-        axes.plot(*plan.scene.goal.tolist(), "*", color=GOAL, ms=14, mec="w", mew=0.8, zorder=6)
-        tidy(axes)
         axes.grid(False)
         low, high = plan.grid.amin((0, 1)), plan.grid.amax((0, 1))
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")

@@ -12,6 +12,7 @@ from torch import Tensor
 from torchrl.data import Binary, Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase
 
+from morlnav.limits import check_at_least
 from morlnav.navigation.envs.rewards import Objective, default_objectives, reward_bounds
 from morlnav.navigation.envs.step import advance
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld, World, without_human
@@ -81,10 +82,8 @@ class NavigationEnv(EnvBase):
         seed: int | None = None,
         inflation: float = 0.0,
     ) -> None:
-        if num_envs is not None and num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
-        if inflation < 0:
-            raise ValueError(f"inflation must not be negative, got {inflation}.")
+        check_at_least(1, num_envs=num_envs)
+        check_at_least(0, inflation=inflation)
         self.world = copy.copy(world) if world is not None else TensorWorld()
         super().__init__(device=self.world.device, batch_size=[] if num_envs is None else [num_envs])
         self.scenes = scenes or SceneSampler()

@@ -51,6 +51,8 @@ class NavigationEvaluation(Evaluation):
     ) -> None:
         super().__init__(episodes, max_steps=max_steps, **settings)
         self.demonstrators = demonstrators
+        self._scenes: Scene | None = None
+        self._known: dict[int, tuple[Scene, Tensor, dict[str, list[Tensor]], ExactFront | None]] = {}
         if not isinstance(self.env, NavigationEnv):
             raise ValueError(f"NavigationEvaluation measures a NavigationEnv, and no {type(self.env).__name__}.")
 
@@ -113,8 +115,6 @@ class NavigationEvaluation(Evaluation):
                 )
         self._scenes, self.episodes = scenes, len(scenes)
 
-    _scenes: Scene | None = None
-
     def references(self, scenes: Scene) -> dict[str, list[Tensor]]:
         """Each demonstrator's path in each scene, where it can drive there."""
         paths = {}
@@ -162,10 +162,6 @@ class NavigationEvaluation(Evaluation):
             shortest = shortest_path(scenes, *radii) if front is None else front.length[:, 0]
             self._known[episodes] = scenes, shortest, self.references(scenes), front
         return self._known[episodes]
-
-    @cached_property
-    def _known(self) -> dict[int, tuple[Scene, Tensor, dict[str, list[Tensor]], ExactFront | None]]:
-        return {}
 
     def report(self, policy: nn.Module, directory: Path) -> pd.DataFrame:
         """Measure a trained policy, write tables and figures, and return the summary, a row per preference."""

@@ -11,6 +11,7 @@ from tensordict import tensorclass
 from torch import Tensor
 
 from morlnav.evaluation.evaluator import HELD_OUT
+from morlnav.limits import check_at_least
 from morlnav.modules.mode import eval_mode
 from morlnav.navigation.envs import Objective, default_objectives
 from morlnav.navigation.envs.step import advance
@@ -140,8 +141,7 @@ def evaluate_policy(
         )
     if len(scenes.batch_size) != 1:
         raise ValueError(f"Scenes need one batch dimension [S], got {list(scenes.batch_size)}.")
-    if max_steps < 1:
-        raise ValueError(f"max_steps must be at least 1, got {max_steps}.")
+    check_at_least(1, max_steps=max_steps)
 
     batch = (len(preferences), len(scenes))
     grid = scenes.to(world.device).expand(*batch)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -98,13 +98,6 @@ def audit_line(directory: Path, name: str) -> str:
     if not file.is_file():
         return ""
     verdict = json.loads(file.read_text(encoding="utf-8"))
-    return f"Audit of {name}: {verdict_of(verdict['reasons'])}. {''.join(verdict['reasons'][:1])}".rstrip()
-
-
-def verdict_of(reasons: Sequence[str]) -> str:
-    """The result of an audit in a few words.
-
-    >>> verdict_of([]), verdict_of(["Noise earns more."])
-    ('passed', 'failed (1 criterion)')
-    """
-    return f"failed ({len(reasons)} {'criterion' if len(reasons) == 1 else 'criteria'})" if reasons else "passed"
+    if not (reasons := verdict["reasons"]):
+        return f"Audit of {name}: passed."
+    return f"Audit of {name}: failed ({len(reasons)} {'criterion' if len(reasons) == 1 else 'criteria'}). {reasons[0]}"

@@ -8,6 +8,8 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from morlnav.limits import check_at_least
+
 
 class NavigationFeatures(nn.Module):
     """Bring a raw observation ``[..., 34]`` to numbers of order one, by default ``[..., 68]``.
@@ -47,8 +49,7 @@ class NavigationFeatures(nn.Module):
         octaves: int = 0,
     ) -> None:
         super().__init__()
-        if octaves < 0:
-            raise ValueError(f"octaves must not be negative, got {octaves}.")
+        check_at_least(0, octaves=octaves)
         self.observe_human = observe_human
         self.lidar_range = lidar_range
         self.sectors = sectors

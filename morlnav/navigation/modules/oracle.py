@@ -9,6 +9,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
+from morlnav.limits import check_positive
 from morlnav.navigation.world.geometry import wrap_angle
 
 
@@ -169,14 +170,3 @@ class CircumnavigationOracle(Oracle):
             curvature=side * torch.where(leaving, 0.0, -swing.sin() / human_distance.clamp_min(1e-6)),
             distance=torch.where(leaving, goal_distance, torch.where(approaching, excess, arc)),
         )
-
-
-def check_positive(**values: float) -> None:
-    """Refuse a number that an oracle cannot work with.
-
-    Raises:
-        ValueError: naming the first that is not positive.
-    """
-    for name, value in values.items():
-        if value <= 0:
-            raise ValueError(f"The oracle's {name} must be positive, got {value}.")

@@ -7,7 +7,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from morlnav.navigation.modules.oracle import Oracle, Plan, check_positive
+from morlnav.limits import check_positive
+from morlnav.navigation.modules.oracle import Oracle, Plan
 from morlnav.navigation.world.geometry import wrap_angle
 
 

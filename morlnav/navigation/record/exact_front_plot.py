@@ -26,9 +26,6 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
         front: of the scenes.
         table: from :func:`~morlnav.navigation.evaluation.possible.possible_table`.
 
-    Returns:
-        A figure; save it with ``figure.savefig("exact_front.png", dpi=150)``.
-
     Examples:
         >>> import torch
         >>> from morlnav.navigation.evaluation.possible import ExactFront
@@ -66,9 +63,6 @@ def plot_reached_fronts(front: ExactFront, tables: Mapping[str, Sequence[pd.Data
     Args:
         front: of the scenes.
         tables: by setting, a :func:`~morlnav.navigation.evaluation.possible_table` of each seed.
-
-    Returns:
-        A figure; save it with ``figure.savefig("fronts.png", dpi=150)``.
 
     Examples:
         >>> import torch

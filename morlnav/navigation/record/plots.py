@@ -75,9 +75,6 @@ def plot_trajectories(
         human_radius: in metres.
         robot_radius: in metres; drawn as a ring around the start.
 
-    Returns:
-        A figure; save it with ``figure.savefig("trajectories.png", dpi=150)``.
-
     Raises:
         ValueError: if the names do not fit the preferences, or a scene is out of range.
 
@@ -203,9 +200,6 @@ def plot_metrics(
             neighbouring corners.
         metrics: columns of ``summary``; those that it lacks are left out.
         baseline: from :func:`~morlnav.navigation.evaluation.overall` for an agent without preferences; a dotted line.
-
-    Returns:
-        A figure; save it with ``figure.savefig("metrics.png", dpi=150)``.
 
     Raises:
         ValueError: if fewer than two objectives, or none of the metrics, are in the summary.

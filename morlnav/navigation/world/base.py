@@ -9,6 +9,7 @@ import torch
 from tensordict import tensorclass
 from torch import Tensor
 
+from morlnav.limits import check_positive
 from morlnav.navigation.world.geometry import distance_to_box, polar
 from morlnav.navigation.world.kinematics import DifferentialDrive, Robot
 from morlnav.navigation.world.lidar import Lidar
@@ -54,15 +55,8 @@ class World(ABC):
         check_interval: float = 0.05,
         device: torch.device | str | None = None,
     ) -> None:
-        values = {
-            "human_radius": human_radius,
-            "goal_radius": goal_radius,
-            "step_time": step_time,
-            "check_interval": check_interval,
-        }
-        for name, value in values.items():
-            if value <= 0:
-                raise ValueError(f"{name} must be positive, got {value}.")
+        check_positive(human_radius=human_radius, goal_radius=goal_radius)
+        check_positive(step_time=step_time, check_interval=check_interval)
         if check_interval > step_time:
             raise ValueError(f"check_interval must be at most the step_time of {step_time} s, got {check_interval}.")
         self.robot = robot or DifferentialDrive()

@@ -8,6 +8,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from morlnav.limits import check_positive
 from morlnav.navigation.world.geometry import wrap_angle
 
 
@@ -56,9 +57,7 @@ class DifferentialDrive:
     max_turn: float = torch.pi
 
     def __post_init__(self) -> None:
-        for name in ("radius", "max_speed", "max_turn"):
-            if getattr(self, name) <= 0:
-                raise ValueError(f"The robot's {name} must be positive, got {getattr(self, name)}.")
+        check_positive(radius=self.radius, max_speed=self.max_speed, max_turn=self.max_turn)
 
     @property
     def action_low(self) -> Tensor:

@@ -9,6 +9,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from morlnav.limits import check_positive
 from morlnav.navigation.world.geometry import to_frame
 
 
@@ -38,8 +39,7 @@ class Lidar:
     def __post_init__(self) -> None:
         if self.rays < 1 or self.sectors < 1 or self.rays % self.sectors:
             raise ValueError(f"{self.sectors} sectors must divide {self.rays} rays, both positive.")
-        if self.max_range <= 0:
-            raise ValueError(f"The lidar's max_range must be positive, got {self.max_range}.")
+        check_positive(max_range=self.max_range)
 
     def angles(self, device: torch.device | None = None) -> Tensor:
         """Robot-frame angles of all rays in radians, shape ``[rays]``."""

@@ -6,6 +6,7 @@ import torch
 from tensordict import tensorclass
 from torch import Tensor
 
+from morlnav.limits import check_at_least
 from morlnav.navigation.world.geometry import distance_to_box
 
 
@@ -99,15 +100,8 @@ class SceneSampler:
         for name, (low, high) in {"distance": distance, "box_half_side": box_half_side}.items():
             if not 0 < low <= high:
                 raise ValueError(f"{name} needs 0 < low <= high in metres, got ({low}, {high}).")
-        for name, value in {
-            "num_boxes": num_boxes,
-            "band": band,
-            "clearance": clearance,
-            "human_clearance": human_clearance,
-            "heading_noise": heading_noise,
-        }.items():
-            if value < 0:
-                raise ValueError(f"{name} must not be negative, got {value}.")
+        check_at_least(0, num_boxes=num_boxes, band=band, heading_noise=heading_noise)
+        check_at_least(0, clearance=clearance, human_clearance=human_clearance)
         self.num_boxes = num_boxes
         self.distance = tuple(distance)
         self.box_half_side = tuple(box_half_side)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from morlnav.limits import check_at_least, check_positive
 from morlnav.objectives.terms.base import Acted, Judged, LossTerm
 
 
@@ -41,10 +42,8 @@ class AngleTerm(LossTerm):
         eps: float = 1e-6,
     ) -> None:
         super().__init__()
-        if actor < 0 or critic < 0:
-            raise ValueError(f"Angle coefficients must not be negative, got actor={actor} and critic={critic}.")
-        if eps <= 0:
-            raise ValueError(f"eps must be positive, got {eps}.")
+        check_at_least(0, actor=actor, critic=critic)
+        check_positive(eps=eps)
         static = getattr(interpolator, "num_static", 0)
         if tuneable_only and static:
             raise ValueError(f"tuneable_only needs an interpolator with num_static=0, got num_static={static}.")

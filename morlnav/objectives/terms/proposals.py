@@ -9,6 +9,7 @@ from tensordict.nn import TensorDictModuleBase
 from tensordict.utils import NestedKey
 from torch import Tensor, nn
 
+from morlnav.limits import check_at_least
 from morlnav.objectives.terms.base import Acted, LossTerm
 
 
@@ -44,8 +45,7 @@ class Guidance(nn.Module):
 
     def __init__(self, coefficient: float = 0.3, sharpness: float = 4.0, margin: float = 0.08) -> None:
         super().__init__()
-        if coefficient < 0 or sharpness < 0:
-            raise ValueError(f"coefficient and sharpness must not be negative, got {coefficient} and {sharpness}.")
+        check_at_least(0, coefficient=coefficient, sharpness=sharpness)
         self.coefficient = coefficient
         self.sharpness = sharpness
         self.margin = margin
@@ -79,10 +79,8 @@ class Search(nn.Module):
 
     def __init__(self, coefficient: float = 1.0, margin: float = -0.05, proposals: int = 1) -> None:
         super().__init__()
-        if coefficient < 0:
-            raise ValueError(f"coefficient must not be negative, got {coefficient}.")
-        if proposals < 1:
-            raise ValueError(f"proposals must be at least 1, got {proposals}.")
+        check_at_least(0, coefficient=coefficient)
+        check_at_least(1, proposals=proposals)
         self.coefficient = coefficient
         self.margin = margin
         self.proposals = proposals

@@ -170,7 +170,7 @@ def test_wrong_settings_are_named():
     for make, sentence in (
         (lambda: Search(proposals=0), "proposals must be at least 1, got 0"),
         (lambda: Search(coefficient=-1.0), "must not be negative, got -1.0"),
-        (lambda: Guidance(coefficient=-1.0), "must not be negative, got -1.0 and 4.0"),
+        (lambda: Guidance(coefficient=-1.0), "coefficient must not be negative, got -1.0"),
         (
             lambda: Proposals(None, Guidance(), {"demo": imitate()}, ["speed", "style"]),
             "There is a clone for demo, but objectives are speed, style",

@@ -34,14 +34,14 @@ from morlnav.cli import (
     quiet,
     refuse_choices,
     refuse_misplaced,
-    set_threads,
 )
-from morlnav.config import check, plain, setting
+from morlnav.config import setting
 from morlnav.files import write_text
 from morlnav.record.console import stage
-from morlnav.runs import Run, make_training
+from morlnav.runs import Run
 from morlnav.runs.directory import remove_leftovers, removed_if_empty, reserved
 from morlnav.runs.resuming import options_first, resumed_words
+from morlnav.runs.run import prepare
 from morlnav.runs.settings import Settings, refuse_without_clones
 from morlnav.runs.sweeps import Sweeps
 from morlnav.trainers import Training
@@ -57,13 +57,8 @@ SENTENCES = "MORLNAV_SENTENCES"
 
 def run(cfg: DictConfig, directory: Path) -> Run | None:
     """Train as ``cfg`` says and leave everything in ``directory``; returns the run, or ``None`` if interrupted."""
-    config = plain(cfg)
-    threads, resume = config.pop("threads"), config.pop("resume")
-    for name, value, kind in (("threads", threads, int), ("resume", resume, str | None), ("trust", cfg.trust, bool)):
-        check(value, name, kind=kind)
-    training = make_training(config)
+    training, resume = prepare(cfg), cfg.resume
     keep_freed_memory()
-    set_threads(threads)
     settings = Settings(cfg, directory)
     if resume is not None and settings.finished():
         print(f"{directory} has finished with these settings before; nothing is left to do.")

@@ -7,7 +7,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from morlnav.config import build, plain
+from omegaconf import DictConfig
+
+from morlnav.cli import set_threads
+from morlnav.config import build, check, plain
 from morlnav.deployment import Policy, load
 from morlnav.evaluation import Evaluation
 from morlnav.runs.config import CONFIG_FILE, load_config
@@ -70,6 +73,18 @@ class Run:
     def evaluation(self) -> Evaluation:
         """What measures the policy."""
         return self.training.make_evaluation(self.learned)
+
+
+def prepare(cfg: DictConfig) -> Training:
+    """The training that a composed config names, when what it says to the command itself is checked and done.
+
+    Raises:
+        ValueError: in one sentence that names the key, for whatever the config gets wrong.
+    """
+    for name, kind in {"threads": int, "resume": str | None, "trust": bool}.items():
+        check(cfg[name], name, kind=kind)
+    set_threads(cfg.threads)
+    return make_training(cfg)
 
 
 def make_training(config: Mapping[str, Any]) -> Training:

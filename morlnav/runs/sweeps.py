@@ -14,7 +14,7 @@ from omegaconf import DictConfig
 
 from morlnav.cli import one_sentence_errors
 from morlnav.runs.directory import removed_if_empty
-from morlnav.runs.run import make_training
+from morlnav.runs.run import prepare
 
 
 class Sweeps(Callback):
@@ -35,7 +35,7 @@ class Sweeps(Callback):
                 for job in BasicSweeper.split_arguments(parsed, None)[0]:
                     try:
                         with tempfile.TemporaryDirectory() as scratch:
-                            make_training(compose(config.hydra.job.config_name, job)).rehearse(Path(scratch))
+                            prepare(compose(config.hydra.job.config_name, job)).rehearse(Path(scratch))
                     except ValueError as error:
                         raise ValueError(f"{' '.join(job)}: {error}") from error
 

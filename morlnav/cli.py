@@ -271,6 +271,9 @@ def _unknown_key(key: str) -> str:
         node = composed([word for word in sys.argv[1:] if _choices(word.partition("=")[0])])
     except (HydraException, ValueError):
         node = composed()
+    parts = [part for part in node if OmegaConf.is_dict(node.get(part))]
+    if longer := [f"{part}.{key}" for part in parts if OmegaConf.select(node, f"{part}.{key}") is not None]:
+        return f"There is no {key} in the config; did you mean {longer[0]}?"
     node, where = OmegaConf.to_container(node), ""
     for name in key.split("."):
         if not isinstance(node, dict):

@@ -153,6 +153,7 @@ compile={fullgraph:maybe}                           | compile.fullgraph must be 
 compile={mode:nonsense}                             | compile must be null or arguments of torch.compile
 loss.sharpness=3                                    | There is no sharpness in loss
 trainer.totl_frames=5                               | There is no totl_frames in trainer; did you mean total_frames?
+ranking.snippet=0                                   | There is no ranking.snippet in the config; did you mean rewards.ranking.snippet?
 foo.bar=1                                           | There is no foo in the config; choose from
 refinement.drifes=3                                 | There is no drifes in refinement; did you mean drives?
 +refinement.foo=1                                   | refinement.foo is no argument of morlnav.trainers.PathwiseRefinement

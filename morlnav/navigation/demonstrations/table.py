@@ -58,7 +58,7 @@ class Table:
         if not pd.api.types.is_numeric_dtype(cells):
             cells = cells.mask(cells.astype(str).str.strip().str.lower().isin(BLANK))
         values = pd.to_numeric(cells, errors="coerce")
-        expected, wrong = "number", values.isna() & ~(cells.isna() & blank)
+        expected, wrong = "number", (values.isna() & ~(cells.isna() & blank)) | (values.dtype.kind == "b")
         if not wrong.any():
             expected, wrong = "finite number", (values.abs() == np.inf) | (values.dtype.kind == "c")
         if wrong.any():

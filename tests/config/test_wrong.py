@@ -308,6 +308,8 @@ def test_what_is_wrong_ends_in_one_sentence_that_names_it(words, said, smoke, tm
     ("words", "said"),
     [
         (["loss=null"], "loss=null is no choice of the group loss: morl_td3; ~loss leaves it out."),
+        (["~env"], "~env leaves out what others depend on; choose another with env=NAME."),
+        (["logger.interval=0"], "There is no interval in logger."),
         (["hooks=3"], "hooks=3 is no choice of the group hooks: default; ~hooks leaves it out."),
         (["objectives=[baseline,distance,distance]"], "objectives names distance twice."),
         (["objectives=[baseline,3]"], "objectives names 3; choose from: baseline, demo, distance"),

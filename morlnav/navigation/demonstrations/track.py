@@ -100,9 +100,9 @@ def track(file: Trajectories, number: int, world: World) -> Track:
 
 
 def _unit_of(largest: float, limit: float, units: Sequence[str]) -> str | None:
-    """The unit in which an action's largest entry fits the robot best, if any of these does."""
+    """The unit in which an action's largest entry fits the robot best, if any of these does and ours does not."""
     factors = UNITS["speed"] | UNITS["turn"]
-    fitting = [unit for unit in units if 0.01 * limit < largest * factors[unit] <= 1.01 * limit]
+    fitting = [unit for unit in units if 0.01 * limit < largest * factors[unit] <= 1.01 * limit < largest]
     return max(fitting, key=factors.get, default=None)
 
 

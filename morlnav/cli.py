@@ -164,6 +164,9 @@ def one_sentence_errors(own_classes: bool = False) -> Iterator[None]:
             sys.exit(_unknown_key(key[1]))
         if several := re.match(r"Ambiguous value for argument '(.+)'", str(error)):
             sys.exit(f"{several[1]} names several values; morlnav-train -m trains with each, and quotes make them one.")
+        gone = [word[1:] for word in sys.argv[1:] if word.startswith("~")]
+        if gone and str(error).startswith("Error resolving interpolation"):
+            sys.exit(f"~{gone[0]} leaves out what others depend on; choose another with {gone[0]}=NAME.")
         mixed = re.search(r"Error merging override [+]*(.+?)=(.*)", str(error))
         sys.exit(f"{mixed[1]} cannot become {mixed[2]}; --cfg job shows what it is." if mixed else first_line(error))
     except (
@@ -271,6 +274,9 @@ def _unknown_key(key: str) -> str:
         node = composed([word for word in sys.argv[1:] if _choices(word.partition("=")[0])])
     except (HydraException, ValueError):
         node = composed()
+    parts = [part for part in node if OmegaConf.is_dict(node.get(part))]
+    if longer := [f"{part}.{key}" for part in parts if OmegaConf.select(node, f"{part}.{key}") is not None]:
+        return f"There is no {key} in the config; did you mean {longer[0]}?"
     node, where = OmegaConf.to_container(node), ""
     for name in key.split("."):
         if not isinstance(node, dict):
@@ -279,7 +285,7 @@ def _unknown_key(key: str) -> str:
             break
         node, where = node[name], f"{where}.{name}".lstrip(".")
     children = [child for child in map(str, node) if child[0] != "_"]
-    return f"There is no {name} in {where or 'the config'}; {nearest(name, children)}"
+    return f"There is no {name} in {where or 'the config'}" + (f"; {nearest(name, children)}" if children else ".")
 
 
 def duration(seconds: float) -> str:

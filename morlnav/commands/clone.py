@@ -144,7 +144,7 @@ def main() -> None:
         parser.error("--hold belongs to noise")
     if args.hold is not None and args.hold < 1:
         parser.error(f"--hold must be at least 1, got {args.hold}")
-    with one_sentence_errors():
+    with one_sentence_errors(own_classes=True):
         cfg = composed(args.overrides)
         if cfg.resume is not None or cfg.trust:
             raise ValueError("resume and trust belong to morlnav-train; morlnav-clone begins anew.")

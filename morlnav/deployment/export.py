@@ -96,7 +96,7 @@ def main() -> None:
     parser.add_argument("--format", choices=FORMATS, action="append", help="only this one; may be repeated")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
     args = parser.parse_args()
-    with one_sentence_errors():
+    with one_sentence_errors(own_classes=True):
         policy = load(args.run, trust=args.trust)
         files = export_policy(policy, args.output or args.run / "export", tuple(args.format or FORMATS))
     print(f"{', '.join(map(str, files.values()))}: observation [B, {policy.actor.features.in_features}] and preference")

@@ -219,6 +219,7 @@ new +env.foo=1                           | env.foo is no argument
 new env.world.step_time=0                | env.world.step_time must be positive
 new env.scenes.distance=[9,3]            | env.scenes.distance needs 0 < low <= high
 new foo=1                                | There is no foo in the config
+new world.robot.max_speed=3              | in the config; did you mean env.world.robot.max_speed?
 new trainer.total_frames=5               | trainer.total_frames=5 changes no recording
 new seed=3                               | seed=3 changes no recording
 new env.objectives={}                    | env.objectives={} would change nothing

@@ -153,6 +153,7 @@ compile={fullgraph:maybe}                           | compile.fullgraph must be 
 compile={mode:nonsense}                             | compile must be null or arguments of torch.compile
 loss.sharpness=3                                    | There is no sharpness in loss
 trainer.totl_frames=5                               | There is no totl_frames in trainer; did you mean total_frames?
+ranking.snippet=0                                   | There is no ranking.snippet in the config; did you mean rewards.ranking.snippet?
 foo.bar=1                                           | There is no foo in the config; choose from
 refinement.drifes=3                                 | There is no drifes in refinement; did you mean drives?
 +refinement.foo=1                                   | refinement.foo is no argument of morlnav.trainers.PathwiseRefinement
@@ -307,6 +308,8 @@ def test_what_is_wrong_ends_in_one_sentence_that_names_it(words, said, smoke, tm
     ("words", "said"),
     [
         (["loss=null"], "loss=null is no choice of the group loss: morl_td3; ~loss leaves it out."),
+        (["~env"], "~env leaves out what others depend on; choose another with env=NAME."),
+        (["logger.interval=0"], "There is no interval in logger."),
         (["hooks=3"], "hooks=3 is no choice of the group hooks: default; ~hooks leaves it out."),
         (["objectives=[baseline,distance,distance]"], "objectives names distance twice."),
         (["objectives=[baseline,3]"], "objectives names 3; choose from: baseline, demo, distance"),

@@ -1,10 +1,16 @@
 """What a config may name without trust: parts that do nothing but their work."""
 
+import json
+import sys
+
 import pytest
 from hydra import compose, initialize_config_dir
 
 from morlnav.cli import conf_dir
+from morlnav.commands import audit, clone, compare, evaluate
 from morlnav.config import plain
+from morlnav.deployment import export
+from morlnav.modules.saved import OF_THE_REST
 from morlnav.runs.trust import foreign_targets, is_known, targets
 
 
@@ -88,6 +94,35 @@ def test_nothing_foreign_is_imported_to_find_out(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     assert foreign_targets({"env": {"_target_": "my_evil.Evil"}}) == ["my_evil.Evil"]
     assert not (tmp_path / "stolen").exists()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (audit, "kept --trust"),
+        (clone, "noise rewards.demonstrations.demo.policy._target_=my_own.Scenes"),
+        (compare, "kept pairs --trust"),
+        (evaluate, "kept --trust"),
+        (export, "kept --trust"),
+    ],
+)
+def test_every_command_looks_for_ones_own_classes_in_the_present_folder(
+    command, words, kept_run, change_config, tmp_path, monkeypatch
+):
+    (tmp_path / "my_own.py").write_text("class Scene: ...\n")
+    change_config("env.scenes", {"_target_": "my_own.Scenes"})
+    policy = json.loads((kept_run / "policy.json").read_text())
+    policy["model"]["features"]["_target_"] = "my_own.Scenes"
+    del policy[OF_THE_REST]
+    (kept_run / "policy.json").write_text(json.dumps(policy))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        sys, "path", [path for path in sys.path if path]
+    )  # as a script's, and not as `python -m` has it
+    monkeypatch.setattr(sys, "argv", ["morlnav", *words.split()])
+    with pytest.raises(SystemExit, match=r"my_own\.Scene"):
+        command.main()
+    assert sys.modules.pop("my_own", None), "it was found"
 
 
 def test_everything_that_a_run_names_by_default_is_known():

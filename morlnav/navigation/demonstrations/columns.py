@@ -139,7 +139,8 @@ class Columns:
             return numbers.astype(float)
         if unit not in UNITS[of]:
             raise ValueError(
-                f"{self.table.path}, column {column}: {unit} is no unit of {of}; choose from: {', '.join(UNITS[of])}."
+                f"{self.table.path}, column {column}: {unit} is no unit of {of}; say which it is with --units "
+                f"{name}=UNIT, one of {', '.join(UNITS[of])}."
             )
         return numbers * UNITS[of][unit]
 

@@ -20,20 +20,17 @@ SIZES = (0.02, 25.0)
 
 def check_angles(file: Trajectories, columns: Columns) -> None:
     """Angles of boxes and starts are in radians, which are no whole numbers."""
-    angles = {f"box{i + 1}_angle": file.scene["boxes"][:, i, 4] for i in range(file.scene["boxes"].shape[1])}
-    if "start" in file.scene:
-        angles["start_heading"] = file.scene["start"][:, 2]
-    for name, values in angles.items():
-        size = np.abs(values[np.isfinite(values) & (values != 0)])
-        if not size.size or columns.unit(name):
-            continue
+    parts = r"box\d+_angle" + "|start_heading" * (file.kind == "action")
+    found = {name: np.abs(columns[name]) for name in columns.name if re.fullmatch(parts, name)}
+    sizes = {name: size[size > 0] for name, size in found.items() if (size > 0).any() and not columns.unit(name)}
+    for name, size in sizes.items():
         beyond = size.max() > 2 * np.pi + 0.01
         like_degrees = (size % 1 == 0).all() or UNITS["angle"].get(columns.unit("heading")) == UNITS["angle"]["deg"]
-        if beyond or like_degrees:
-            otherwise = "" if beyond else "; if not: --units angle=rad"
+        if beyond or like_degrees:  # all of them at once, and not the heading, which may be in radians
+            degrees, radians = (" ".join(f"{each}={unit}" for each in sizes) for unit in ("deg", "rad"))
             raise ValueError(
-                f"{file.path}, column {columns.name.get(name, name)}: expected an angle in radians, got "
-                f"{size.max():g}; is it in degrees? Then: --units angle=deg{otherwise}."
+                f"{file.path}, column {columns.name[name]}: expected an angle in radians, got {size.max():g}; is it in "
+                f"degrees? Then: --units {degrees}{'' if beyond else f'; if not: --units {radians}'}."
             )
 
 
@@ -72,13 +69,13 @@ def check_distances(file: Trajectories, columns: Columns) -> None:
             unit = min(guesses, key=guesses.get)
             given = name != "boxes" and getattr(columns.reading, name) is not None
             if guesses[unit] <= (1.5 if name == "goal" else reach) and not columns.unit(part) and not given:
-                guess = f"is it in {unit}? Then: --units {part}={unit} {part[:-1]}y={unit}"
+                guess = f"is it in {LENGTHS[unit]}? Then: --units {part}={unit} {part[:-1]}y={unit}"
             label, what = columns.name.get(part, part), "a box" if name == "boxes" else name
             far[number] = (
                 f"{f'--{name}' if given else f'column {label}'}: {what} of episode {file.names[number]} lies "
                 f"{np.nanmax(away):.4g} m from the drive; {guess}"
             )
         if len(far) == len(file.names):  # a matter of the file
-            raise ValueError(f"{file.path}, {far[0]}")
+            raise ValueError(f"{file.path}, {far[0]}{'' if far[0].endswith('?') else '.'}")
         for number, problem in far.items():
             file.problems.setdefault(number, problem)

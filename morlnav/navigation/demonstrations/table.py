@@ -13,6 +13,8 @@ BLANK = ("", "nan", "null", "none", "na", "n/a", "-nan", "nat")
 """Cells that tell nothing."""
 MOST_NAMES = 50
 """Of more columns the rest is not listed."""
+LONGEST = 60
+"""Of longer cells the rest is not shown."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,14 @@ class Table:
         if not pd.api.types.is_numeric_dtype(cells):
             cells = cells.mask(cells.astype(str).str.strip().str.lower().isin(BLANK))
         values = pd.to_numeric(cells, errors="coerce")
-        expected, wrong = "number", values.isna() & ~(cells.isna() & blank)
+        expected, wrong = "number", (values.isna() & ~(cells.isna() & blank)) | (values.dtype.kind == "b")
         if not wrong.any():
             expected, wrong = "finite number", (values.abs() == np.inf) | (values.dtype.kind == "c")
         if wrong.any():
             sample = int(wrong.to_numpy().argmax())
-            found = values[sample] if expected != "number" else repr(str(cells[sample]))
+            text = str(cells[sample])
+            shown = repr(text[:LONGEST] + "…" * (len(text) > LONGEST))
+            found = values[sample] if expected != "number" else shown
             found = "nothing" if pd.isna(cells[sample]) else found
             raise ValueError(f"{self.path}, {self.at(sample)}, column {name}: expected a {expected}, got {found}.")
         return values.to_numpy()

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from morlnav.navigation.demonstrations.folder import ABSENT
 from morlnav.navigation.demonstrations.names import UNITS
+from morlnav.navigation.demonstrations.samples import tremble
 from morlnav.navigation.demonstrations.trajectory_file import COLUMNS, Trajectories
 from morlnav.navigation.world import DifferentialDrive, Scene, World
 from morlnav.navigation.world.geometry import wrap_angle
@@ -99,9 +100,9 @@ def track(file: Trajectories, number: int, world: World) -> Track:
 
 
 def _unit_of(largest: float, limit: float, units: Sequence[str]) -> str | None:
-    """The unit in which an action's largest entry fits the robot best, if any of these does."""
+    """The unit in which an action's largest entry fits the robot best, if any of these does and ours does not."""
     factors = UNITS["speed"] | UNITS["turn"]
-    fitting = [unit for unit in units if 0.01 * limit < largest * factors[unit] <= 1.01 * limit]
+    fitting = [unit for unit in units if 0.01 * limit < largest * factors[unit] <= 1.01 * limit < largest]
     return max(fitting, key=factors.get, default=None)
 
 
@@ -118,10 +119,7 @@ def _between(
 def _smoothed(
     time: Tensor, pose: Tensor, rows: np.ndarray, step_time: float
 ) -> tuple[Tensor, Tensor, np.ndarray, float]:
-    """Times, poses and rows without the jitter of a sensor that is read faster than the robot is steered; the jitter.
-
-    What trembles shows in third differences, where a drive that bends does not.
-    """
+    """Times, poses and rows without the jitter of a sensor that is read faster than the robot steers; the jitter."""
     step = float(time.diff().median())
     if step > 0.6 * step_time or len(time) < 8:
         return time, pose, rows, 0.0
@@ -129,9 +127,9 @@ def _smoothed(
     values = pose.numpy().copy()
     values[:, 2] = np.unwrap(values[:, 2])
     values = np.stack([np.interp(even, time.numpy(), column) for column in values.T], 1)
-    tremble = np.median(np.abs(np.diff(values, 3, axis=0)), axis=0) / (0.6745 * 20**0.5)
-    jitter = float(np.hypot(*tremble[:2]) / 2**0.5)
-    if jitter <= JITTER[0] and tremble[2] <= JITTER[1]:
+    *place, turn = tremble(values)
+    jitter = float(np.hypot(*place) / 2**0.5)
+    if jitter <= JITTER[0] and turn <= JITTER[1]:
         return time, pose, rows, 0.0
     width = min(round(SMOOTHED / step) // 2 * 2 + 1, (len(even) - 1) // 2 * 2 + 1)
     values = savgol_filter(values, max(5, width), 2, axis=0)

@@ -16,7 +16,7 @@ from morlnav.navigation.demonstrations.columns import TOPICS, Columns, Reading
 from morlnav.navigation.demonstrations.plausible import check_heading, check_times, check_units, courses
 from morlnav.navigation.demonstrations.plausible_scene import check_angles, check_distances, check_sizes
 from morlnav.navigation.demonstrations.rows import one_track, with_poses
-from morlnav.navigation.demonstrations.samples import headings, times
+from morlnav.navigation.demonstrations.samples import headings, times, tremble
 from morlnav.navigation.demonstrations.table import Table
 from morlnav.navigation.demonstrations.tables import read_table
 
@@ -247,7 +247,7 @@ class _Reader:
 def _from_motion(file: Trajectories) -> np.ndarray:
     """Headings ``[N]`` in the direction of the motion, which standing still does not change."""
     heading = np.zeros(len(file.time))
-    begin, end, course = courses(file, 0.1)
+    begin, end, course = courses(file, np.clip(8 * _jitter(file), 0.1, 0.3))
     middle = (file.time[begin] + file.time[end]) / 2
     for number in range(len(file.names)):
         rows, mine = file.rows(number), file.episode[begin] == number
@@ -259,6 +259,12 @@ def _from_motion(file: Trajectories) -> np.ndarray:
                 )
             heading[rows] = _extended(file.time[rows], middle[mine], np.unwrap(course[mine]))
     return heading
+
+
+def _jitter(file: Trajectories) -> float:
+    """By how much places tremble in metres, as if they were sampled evenly; 0 for a few of them."""
+    each = [file.samples[file.rows(number), :2] for number in range(len(file.names))]
+    return max((tremble(places).max() for places in each if len(places) >= 8), default=0.0)
 
 
 def _extended(at: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -66,11 +66,23 @@ def test_a_compass_that_is_a_little_off_is_let_pass(noise, tmp_path):
     ("angle", "otherwise"), [(5, True), (3.0, True), (-2, True), (45, False), (-90, False), (22.5, False), (400, False)]
 )
 def test_boxes_turned_by_whole_numbers_or_beyond_a_turn_are_asked_for(angle, otherwise, tmp_path):
-    file, if_not = write(TRUTH.assign(**BOX, box1_angle=angle), tmp_path), "; if not: --units angle=rad." * otherwise
-    refused(file, f"column box1_angle: expected an angle in radians, got {abs(angle):g}", f"--units angle=deg{if_not}")
+    file, if_not = (
+        write(TRUTH.assign(**BOX, box1_angle=angle), tmp_path),
+        "; if not: --units box1_angle=rad" * otherwise,
+    )
+    asked = f"got {abs(angle):g}; is it in degrees? Then: --units box1_angle=deg{if_not}."
+    refused(file, f"column box1_angle: expected an angle in radians, {asked}")
     for unit in ("deg", "rad"):
-        there = read(file, Reading(units={"angle": unit, "heading": "rad"})).scene["boxes"][0, 0, 4]
+        there = read(file, Reading(units={"box1_angle": unit})).scene["boxes"][0, 0, 4]
         assert there == pytest.approx(angle * UNITS["angle"][unit])
+
+
+def test_all_boxes_are_asked_for_at_once(tmp_path):
+    other = {name.replace("box1", "box7"): value for name, value in BOX.items()}
+    file = write(TRUTH.assign(**BOX, box1_angle=90, **other, box7_angle=30), tmp_path)
+    refused(file, "Then: --units box1_angle=deg box7_angle=deg.")
+    boxes = read(file, Reading(units={"box1_angle": "deg", "box7_angle": "deg"})).scene["boxes"]
+    assert np.degrees(boxes[0, :, 4]) == pytest.approx([90, 30])
 
 
 def test_boxes_are_asked_for_where_the_heading_is_in_degrees(tmp_path):

@@ -216,7 +216,11 @@ def test_lengths_in_other_units_are_asked_for(factor, unit, word, tmp_path):
     )
     for thing in ("goal", "human"):
         one = TRUTH.assign(**{f"{thing}_{part}": SCENE[f"{thing}_{part}"] * factor for part in "xy"})
-        refused(write(one, tmp_path), f"column {thing}_x", f"is it in {unit}? Then: --units {thing}_x={unit}")
+        refused(
+            write(one, tmp_path),
+            f"column {thing}_x",
+            f"is it in {word}? Then: --units {thing}_x={unit} {thing}_y={unit}.",
+        )
 
 
 @pytest.mark.parametrize("name", ["yaw_deg", "heading (deg)", "theta [°]", "Yaw [degrees]"])
@@ -311,7 +315,9 @@ def test_a_gap_is_refused_unless_it_is_allowed(tmp_path):
 def test_angles_of_boxes_in_degrees_are_asked_for_and_full_sides_are_halved(tmp_path):
     box = {"box1_x": 3.0, "box1_y": 2.6, "box1_half_length": 1.0, "box1_half_width": 0.2, "box1_angle": 90.0}
     file = write(TRUTH.assign(**box), tmp_path)
-    refused(file, "column box1_angle: expected an angle in radians, got 90; is it in degrees?", "--units angle=deg")
+    refused(
+        file, "column box1_angle: expected an angle in radians, got 90; is it in degrees?", "--units box1_angle=deg."
+    )
     box = read(file, Reading(units={"box1_angle": "deg"})).scene["boxes"]
     assert box.flatten().tolist() == pytest.approx([3, 2.6, 1.0, 0.2, np.pi / 2])
     sides = {"box1_length": 2.0, "box1_width": 0.4, "box1_angle_deg": 90.0, "box1_x": 3.0, "box1_y": 2.6}
@@ -376,6 +382,15 @@ def test_noise_is_smoothed(tmp_path):
     wanted = np.interp(0.2 * torch.arange(len(data)), TRUTH["time"], TRUTH["y"])
     assert np.abs(data["pose"][:, 1].numpy() - wanted).max() < 0.05
     assert "poses jitter by" in SAID[0]
+
+
+@pytest.mark.parametrize("rate", [5, 10, 30, 100])
+def test_headings_come_from_a_motion_that_trembles_too(rate, tmp_path):
+    places = bump(rate).drop(columns="heading")
+    places[["x", "y"]] += np.random.default_rng(0).normal(0, 0.03, (len(places), 2))
+    data = drive(write(places, tmp_path))
+    wanted = np.interp(0.2 * torch.arange(len(data)), TRUTH["time"], TRUTH["y"])
+    assert np.abs(data["pose"][:, 1].numpy() - wanted).max() < 0.1
 
 
 def test_the_robot_steers_toward_the_path(tmp_path):
@@ -509,7 +524,9 @@ def test_what_is_said_and_not_needed_is_refused(tmp_path):
     np.savez(tmp_path / "drive.npz", **{name: TRUTH[name].to_numpy() for name in TRUTH})
     refused(tmp_path / "drive.npz", "is no table of text", reading=Reading(separator=";"))
     refused(file, "holds no column of tracks", reading=Reading(robot="3"))
-    refused(write(TRUTH.rename(columns={"x": "x [furlong]"}), tmp_path), "furlong is no unit of length")
+    refused(
+        write(TRUTH.rename(columns={"x": "x [furlong]"}), tmp_path), "furlong is no unit of length", "--units x=UNIT"
+    )
 
 
 def test_a_faster_robot_is_asked_for(tmp_path):

@@ -206,6 +206,11 @@ ASKED = {
     "a step between rows": (NO_HEADING.drop(columns="time").assign(dt=0.1), "does dt say how far", "--rate 10"),
     "a rate in an array": ({name: value for name, value in POSE.items() if name != "time"} | {"fps": np.array(10.0)},
                            "does fps say how far rows are apart? Then: --rate 10"),
+    "a cell that does not end": (at(5, x="9" * 5000), f"row 7, column x: expected a number, got '{'9' * 60}…'"),
+    "yes and no": (ARRAYS | {"x": ARRAYS["x"] > 1}, "row 0 of the arrays, column x: expected a number, got 'False'"),
+    "yes and no in JSON": (
+        json.dumps(TRUTH.assign(heading=True).to_dict("list")), "column heading: expected a number, got 'True'"
+    ),
     "complex numbers": (ARRAYS | {"x": ARRAYS["x"] + 0j}, "column x: expected a finite number, got 0j"),
     "arrays on their side": (POSE | {"pose": POSE["pose"].T}, "expected the shape"),
     "a table in an array": (ARRAYS | {"x": np.zeros((144, 2))}, "array x: expected the shape [144], got [144, 2]"),

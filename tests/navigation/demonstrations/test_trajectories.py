@@ -175,6 +175,13 @@ def test_too_fast_an_action_is_refused(tmp_path):
         import_demonstrations(write(frame, tmp_path))
 
 
+def test_an_action_backwards_is_not_taken_for_one_in_other_units(tmp_path):
+    frame = pd.DataFrame({"v": [0.5, -0.4], "omega": 0.0, "start_x": 0.0, "start_y": 0.0, "start_heading": 0.0})
+    frame = frame.assign(goal_x=2.0, goal_y=0.0, human_x=1.0, human_y=1.0)
+    with pytest.raises(ValueError, match=r"row 3, column v: expected 0 to 0.5, got -0.4\.$"):
+        import_demonstrations(write(frame, tmp_path))
+
+
 def test_other_files_are_refused(data, tmp_path):
     with pytest.raises(FileNotFoundError, match="no file"):
         import_demonstrations(tmp_path / "nowhere.csv")

@@ -241,13 +241,14 @@ class Training:
         return trainer
 
     def rehearse(self, directory: Path) -> None:
-        """Build every part but the logger, with rewards of nothing in place of learned ones, and judge one batch.
+        """Build every part but the logger, with rewards of nothing in place of learned ones; judge and store one batch.
 
         Args:
             directory: where a part may write that writes at once.
 
         Raises:
-            ValueError: for whatever a constructor refuses, and for networks that do not fit.
+            ValueError: for whatever a constructor refuses, for networks that do not fit, and for a replay that needs
+                more memory than there is.
         """
         state = torch.get_rng_state()
         learned = {} if self.rewards is None else self.pipeline().untrained()
@@ -267,6 +268,10 @@ class Training:
             raise ValueError(f"loss, with actor and critic: {first_line(error)}") from error
         finally:
             trainer.collector.shutdown()
+        try:
+            trainer.replay_buffer.extend(batch)  # takes the memory of all rows at once
+        except (MemoryError, RuntimeError) as error:
+            raise ValueError(f"replay.storage cannot hold a batch: {first_line(error)}") from error
         torch.set_rng_state(state)
 
     def make_evaluation(self, learned: Mapping[str, LearnedReward]) -> Evaluation:

@@ -76,6 +76,7 @@ exploration.greedy=2                                | exploration.greedy must be
 replay.batch_size=0                                 | replay.batch_size must be from 1
 replay.batch_size=64 replay.storage.max_size=32     | replay.batch_size must be from 1 to the storage's 32, got 64
 replay.storage.max_size=0                           | replay.batch_size must be from 1 to the storage's 0
+replay.storage.max_size=1000000000000000            | replay.storage cannot hold a batch
 replay.transforms.scale.scale=nan                   | replay.transforms.scale.scale must be a finite number
 replay.transforms.relabel.share=2                   | replay.transforms.relabel.share must be between 0 and 1
 replay=prioritised replay.sampler.max_capacity=3    | replay.sampler.max_capacity must be at least the storage's 720000

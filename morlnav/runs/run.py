@@ -43,7 +43,7 @@ class Run:
 
     def __init__(self, directory: str | Path, trust: bool = False, changes: Mapping[str, Any] | None = None) -> None:
         self.directory, self.trust = Path(directory), trust
-        self.config = load_config(directory, of_this_version=True) | {"device": "cpu"}  # wherever it was trained
+        self.config = load_config(directory, of_this_version=True)
         if "${" in str(self.config):  # runs are saved resolved, and a resolver could make up a class
             raise ValueError(f"The config of a run holds no interpolation, but that of {directory} does.")
         if not isinstance(self.config.get("evaluation"), dict):
@@ -52,6 +52,7 @@ class Run:
             raise ValueError(
                 f"This run uses the foreign {foreign[0]}; if it is your own, trust it (--trust, or trust=True)."
             )
+        self.config["device"] = "cpu"  # wherever it was trained
         self.config["evaluation"] |= {name: value for name, value in (changes or {}).items() if value is not None}
 
     @cached_property

@@ -2,11 +2,13 @@
 
 import pytest
 import torch
+from support import configure
 
 from morlnav.navigation.demonstrations import record_demonstrations, save_demonstrations
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import SceneSampler
 from morlnav.runs import Run, load_config
+from morlnav.runs.run import prepare
 from morlnav.trainers import Training
 
 
@@ -104,3 +106,10 @@ def test_changed_weights_are_named(kept_run, name, damage):
     file.write_bytes({"a weight": content, "cut": content[: len(content) // 2], "empty": b""}[damage])
     with pytest.raises(ValueError, match=rf"{name} is damaged: it does not hold the weights that were saved"):
         _ = Run(kept_run).policy, Run(kept_run).learned
+
+
+def test_one_thread_computes_unless_more_are_asked_for():  # a second one loses two thirds of the speed on a busy machine
+    prepare(configure("threads=2"))
+    assert torch.get_num_threads() == 2
+    prepare(configure())
+    assert torch.get_num_threads() == 1

@@ -108,7 +108,7 @@ def test_changed_weights_are_named(kept_run, name, damage):
         _ = Run(kept_run).policy, Run(kept_run).learned
 
 
-def test_one_thread_computes_unless_more_are_asked_for():  # a second one loses two thirds of the speed on a busy machine
+def test_one_thread_computes_unless_more_are_asked_for():  # a second one is slow on busy machines
     prepare(configure("threads=2"))
     assert torch.get_num_threads() == 2
     prepare(configure())

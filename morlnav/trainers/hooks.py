@@ -13,6 +13,7 @@ from torch import Tensor
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 from morlnav.evaluation import Evaluation
+from morlnav.limits import check_at_least
 from morlnav.modules.scalarisation import by_name
 
 
@@ -33,8 +34,7 @@ class PeriodicHook(TrainerHookBase):
     """What a checkpoint calls it, unless :meth:`register` is told otherwise."""
 
     def __init__(self, interval: int) -> None:
-        if interval < 1:
-            raise ValueError(f"interval must be at least 1, got {interval}.")
+        check_at_least(1, interval=interval)
         self.interval, self.last = interval, 0
 
     def register(self, trainer: Trainer, name: str | None = None) -> None:
@@ -302,9 +302,7 @@ class EvaluatePolicy(PeriodicHook):
         policy: torch.nn.Module,
     ) -> None:
         super().__init__(interval)
-        for name, value in {"episodes": episodes, "steps": steps}.items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}.")
+        check_at_least(1, episodes=episodes, steps=steps)
         self.episodes, self.steps, self.evaluation, self.policy = episodes, steps, evaluation, policy
 
     def __call__(self, batch: Any = None) -> None:

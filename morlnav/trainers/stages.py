@@ -16,6 +16,7 @@ from torchrl.envs import EnvBase
 from morlnav.config import Part, supply
 from morlnav.data import ComparedPairs, SnippetPairs, roll_out_ranked
 from morlnav.files import write_tensors
+from morlnav.limits import check_at_least
 from morlnav.modules import NormalisedReward, RewardEnsemble
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.supervised import Fit
@@ -95,8 +96,7 @@ class Cloning:
         batch_size: int = 512,
         held_out: float = 0.05,
     ) -> None:
-        if batch_size < 1:
-            raise ValueError(f"batch_size must be at least 1, got {batch_size}.")
+        check_at_least(1, batch_size=batch_size)
         if not 0 <= held_out < 1:
             raise ValueError(f"held_out must be from 0 to below 1, got {held_out}.")
         self.actor, self.fit = actor, fit
@@ -157,9 +157,7 @@ class Ranking:
         normalise: bool = True,
         comparisons: ComparedPairs | None = None,
     ) -> None:
-        for name, value in {"episodes": episodes, "batch_size": batch_size, "snippet": snippet or 1}.items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}.")
+        check_at_least(1, episodes=episodes, batch_size=batch_size, snippet=snippet or 1)
         if snippet == 0:
             raise ValueError("snippet must be at least 1, or null for whole roll-outs, got 0.")
         if len(levels) < 2 or list(levels) != sorted(set(levels)) or levels[0] < 0:

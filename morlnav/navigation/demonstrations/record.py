@@ -9,6 +9,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from morlnav.limits import check_at_least
 from morlnav.modules.mode import eval_mode
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
 from morlnav.navigation.envs.checks import reward_vector
@@ -124,9 +125,7 @@ def record_demonstrations(
         >>> int(data["episode"].max()) + 1, tries >= 3
         (3, True)
     """
-    for name, value in {"num": num, "max_steps": max_steps, "num_envs": num_envs}.items():
-        if value < 1:
-            raise ValueError(f"{name} must be at least 1, got {value}.")
+    check_at_least(1, num=num, max_steps=max_steps, num_envs=num_envs)
     world = world if world is not None else TensorWorld()
     generator = torch.Generator().manual_seed(seed)
 

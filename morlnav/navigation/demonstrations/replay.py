@@ -9,6 +9,7 @@ import torch
 from tensordict import TensorDict
 from torch.nn.utils.rnn import pad_sequence
 
+from morlnav.limits import check_at_least
 from morlnav.navigation.demonstrations.folder import (
     ABSENT,
     check_drives,
@@ -114,8 +115,7 @@ def replay_demonstrations(
         >>> many["episode"].unique().numel(), many["scene", "boxes"].shape[1:], tries > 20
         (20, torch.Size([2, 5]), True)
     """
-    if num < 1:
-        raise ValueError(f"num must be at least 1, got {num}.")
+    check_at_least(1, num=num)
     world, generator = world or TensorWorld(), torch.Generator().manual_seed(seed)
     episodes = [data[data["episode"] == number] for number in data["episode"].unique()]
 

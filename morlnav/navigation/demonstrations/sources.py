@@ -11,6 +11,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from morlnav.limits import check_at_least
 from morlnav.navigation.audit import Thresholds
 from morlnav.navigation.demonstrations.folder import (
     check_world,
@@ -49,8 +50,7 @@ class NavigationDemonstrations(Demonstrations):
         seed: int = 0,
         num_envs: int = 256,
     ) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs must be at least 1, got {num_envs}.")
+        check_at_least(1, num_envs=num_envs)
         self.world, self.scenes, self.observe_human = world, scenes, observe_human
         self.max_steps, self.seed, self.num_envs = max_steps, seed, num_envs
 

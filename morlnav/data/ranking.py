@@ -78,10 +78,13 @@ class SnippetPairs:
 
     Starts are random and independent: D-REX's rule that the better snippet starts later would teach progress along the
     path instead of its shape. Snippets of a second tell where on the path a robot went astray; long ones blur that.
+    Roll-outs of all levels begin alike, and noise takes a while to lead anywhere: the beginning of a worse one is no
+    example of what is worse, and would only teach that whatever comes late is better.
 
     Args:
         rollouts: ``[levels, episodes, T]`` from :func:`roll_out_ranked`, noise ascending.
         length: steps of a snippet; ``None`` for whole roll-outs, padded and masked.
+        burn_in: steps at the beginning of the worse roll-out that are left out, as far as it is longer.
 
     Raises:
         ValueError: if there are fewer than two levels, or a level has no roll-out as long as a snippet.
@@ -93,8 +96,8 @@ class SnippetPairs:
         torch.Size([16, 5, 2])
     """
 
-    def __init__(self, rollouts: TensorDict, length: int | None = 5) -> None:
-        self.rollouts, self.length = rollouts, length
+    def __init__(self, rollouts: TensorDict, length: int | None = 5, burn_in: int = 0) -> None:
+        self.rollouts, self.length, self.burn_in = rollouts, length, burn_in
         self.steps = rollouts["mask"].sum(-1)
         self.valid = (self.steps >= (length or 1)).float()
         if len(rollouts) < 2:
@@ -108,14 +111,15 @@ class SnippetPairs:
         first = torch.randint(count, (num,), device=self.steps.device)
         other = (first + torch.randint(1, count, (num,), device=self.steps.device)) % count
         low, high = torch.minimum(first, other), torch.maximum(first, other)
-        return TensorDict(better=self._cut(low), worse=self._cut(high), batch_size=[num])
+        return TensorDict(better=self._cut(low), worse=self._cut(high, self.burn_in), batch_size=[num])
 
-    def _cut(self, level: Tensor) -> TensorDict:
+    def _cut(self, level: Tensor, after: int = 0) -> TensorDict:
         episode = torch.multinomial(self.valid[level], 1).squeeze(-1)
         rows = self.rollouts.select("observation", "action", "mask")
         if self.length is None:
             return rows[level, episode].auto_batch_size_(1)
         room = self.steps[level, episode] - self.length + 1
-        start = (torch.rand(len(level), device=room.device) * room).long()
+        first = (room - 1).clamp(max=after)
+        start = first + (torch.rand(len(level), device=room.device) * (room - first)).long()
         time = start.unsqueeze(1) + torch.arange(self.length, device=room.device)
         return rows[level.unsqueeze(1), episode.unsqueeze(1), time].auto_batch_size_(1)

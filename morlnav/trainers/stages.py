@@ -127,6 +127,7 @@ class Ranking:
         levels: of the noise, ascending.
         episodes: roll-outs per level.
         snippet: steps that are compared; ``None`` compares whole roll-outs.
+        burn_in: steps at the beginning of the worse roll-out, where noise has led nowhere yet, that are not compared.
         aggregate: ``"mean"`` or ``"sum"`` over a snippet.
         temperature: a pair's logit is this times the difference.
         batch_size: pairs of an update.
@@ -148,6 +149,7 @@ class Ranking:
         levels: Sequence[float] = (0.0, 0.06, 0.12, 0.18, 0.24, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6),
         episodes: int = 200,
         snippet: int | None = 5,
+        burn_in: int = 20,
         aggregate: Literal["mean", "sum"] = "mean",
         temperature: float = 10.0,
         batch_size: int = 160,
@@ -158,6 +160,8 @@ class Ranking:
         comparisons: ComparedPairs | None = None,
     ) -> None:
         check_at_least(1, episodes=episodes, batch_size=batch_size, snippet=snippet or 1)
+        if burn_in < 0 or (burn_in and snippet is None):
+            raise ValueError(f"burn_in must be 0 or more, and 0 for whole roll-outs (snippet=null), got {burn_in}.")
         if snippet == 0:
             raise ValueError("snippet must be at least 1, or null for whole roll-outs, got 0.")
         if len(levels) < 2 or list(levels) != sorted(set(levels)) or levels[0] < 0:
@@ -174,7 +178,7 @@ class Ranking:
         if len(members) < (2 if reduce == "pessimistic" else 1):
             raise ValueError(f"The {reduce} ensemble needs more than {len(members)} members.")
         self.noise, self.model, self.fit = noise, model, fit
-        self.levels, self.episodes, self.snippet = list(levels), episodes, snippet
+        self.levels, self.episodes, self.snippet, self.burn_in = list(levels), episodes, snippet, burn_in
         self.aggregate, self.temperature, self.batch_size = aggregate, temperature, batch_size
         self.members, self.reduce, self.normalise = members, reduce, normalise
         self.comparisons = comparisons
@@ -205,8 +209,8 @@ class Ranking:
 
     def __call__(self, rollouts: TensorDict, live: Mapping[str, Any], **display: Any) -> tuple[nn.Module, dict]:
         """The reward model, and its held-out scores."""
-        train = SnippetPairs(rollouts[:, : self.split], self.snippet)
-        held_out = SnippetPairs(rollouts[:, self.split :], self.snippet)
+        train = SnippetPairs(rollouts[:, : self.split], self.snippet, self.burn_in)
+        held_out = SnippetPairs(rollouts[:, self.split :], self.snippet, self.burn_in)
         members = [supply(self.model, **{**live, "inputs": list(inputs)}) for inputs in self.members]
         networks = [TensorDictModule(member, ["observation", "action"], ["reward"]) for member in members]
         loss = RankingLoss(networks, aggregate=self.aggregate, temperature=self.temperature)

@@ -117,6 +117,8 @@ rewards.clone.fit.patience=0                        | rewards.clone.fit.patience
 rewards.ranking.snippet=-1                          | rewards.ranking.snippet must be at least 1
 rewards.ranking.snippet=0                           | rewards.ranking.snippet must be at least 1
 rewards.ranking.snippet=100000                      | rewards.ranking.snippet must be at most the 250 steps of an episode
+rewards.ranking.burn_in=-1                          | burn_in must be 0 or more
+rewards.ranking.snippet=null                        | burn_in must be 0 or more, and 0 for whole roll-outs
 rewards.ranking.levels=[0,5]                        | rewards.ranking.noise.epsilon must be between 0 and 1, got [0.0, 5.0]
 rewards.ranking.batch_size=0                        | rewards.ranking.batch_size must be at least 1
 rewards.ranking.held_out=2                          | held_out=2 keeps none of 4 episodes

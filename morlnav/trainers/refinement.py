@@ -75,7 +75,7 @@ class PathwiseRefinement:
 
     def __init__(
         self,
-        drives: int = 150,
+        drives: int = 200,
         num_envs: int = 128,
         horizon: int = 120,
         clip: float = 30.0,

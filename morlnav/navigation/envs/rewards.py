@@ -146,8 +146,8 @@ class Collision:
     """
 
     penalty: float = -1000.0
-    margin: float = 0.15
-    pressure: float = 0.1
+    margin: float = 0.08
+    pressure: float = 0.3
 
     def __post_init__(self) -> None:
         check_finite(self)

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import torch
+from omegaconf import OmegaConf
 
-from morlnav.cli import folder, one_sentence_errors, quiet, set_threads, writable
+from morlnav.cli import conf_dir, folder, one_sentence_errors, quiet, set_threads, writable
 from morlnav.data import preference_edges
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
@@ -17,6 +18,9 @@ from morlnav.runs import Run
 
 CHANGES = ("episodes", "steps", "seed", "reference")
 """Values of a run's evaluation that the command line may change."""
+
+WORLDS = {file.stem: file for file in sorted((Path(conf_dir()) / "world").glob("*.yaml"))}
+"""Config of every world by its name."""
 
 WITHOUT = {"animate": ("contexts", "route", "output", "steps", "reference"), "contexts": ("steps", "reference")}
 """Options that another one leaves without a meaning."""
@@ -40,6 +44,21 @@ def use_recorded_scenes(run: Run, folder: Path) -> None:
         navigation_of(run).use(Scene.from_tensordict(data["scene"][data["step"] == 0]))
     except ValueError as error:
         raise ValueError(f"{folder}: {error}") from error
+
+
+def use_world(run: Run, name: str) -> None:
+    """Let a run be evaluated in another world than it was trained in, with the same robot, lidar and times.
+
+    Args:
+        run: a finished run of a navigating policy, of which nothing is built yet.
+        name: of a world in the config group.
+
+    Raises:
+        ValueError: for a policy of another kind.
+    """
+    if "world" not in run.config["env"]:
+        raise ValueError(f"{run.directory} holds no navigating policy, which worlds are for.")
+    run.config["env"]["world"]["_target_"] = OmegaConf.load(WORLDS[name])["_target_"]
 
 
 def evaluate_run(run: Run, output: Path | None = None) -> Path:
@@ -156,10 +175,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, help="seed of the episodes")
     parser.add_argument("--reference", type=float, nargs="+", help="reference point of the hypervolume, by reward")
     parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="drive in the scenes of these demonstrations")
+    parser.add_argument("--world", choices=WORLDS, help="drive in this world (default: the run's own)")
     parser.add_argument(
         "--output",
         type=folder,
-        help="where results go (default: RUN_DIR/evaluation, or with --scenes RUN_DIR/evaluation/FOLDER)",
+        help="where results go (default: RUN_DIR/evaluation, and in it WORLD with --world, FOLDER with --scenes)",
     )
     parser.add_argument("--threads", type=int, default=1, help="threads of PyTorch (default: 1)")
     parser.add_argument("--trust", action="store_true", help="build classes from outside morlnav that the run names")
@@ -189,9 +209,14 @@ def main() -> None:
     with one_sentence_errors(own_classes=True):
         set_threads(args.threads)
         run = Run(args.run, args.trust, {name: getattr(args, name) for name in CHANGES})
+        place = args.run / "evaluation"
+        if args.world is not None:
+            use_world(run, args.world)
+            place /= args.world
         if args.scenes is not None:
             use_recorded_scenes(run, args.scenes)
-            args.output = args.output or args.run / "evaluation" / args.scenes.resolve().name
+            place /= args.scenes.resolve().name
+        args.output = args.output or place
         if args.animate is not None:
             animate_run(run, args.animate, args.scene or 0)
             print(f"The animation is in {args.animate}")

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 import torch
 
-from morlnav.commands.evaluate import evaluate_route, main, use_recorded_scenes
+from morlnav.commands.evaluate import evaluate_route, main, use_recorded_scenes, use_world
 from morlnav.navigation.demonstrations import record_demonstrations, save_demonstrations
 from morlnav.navigation.modules import CircumnavigationOracle
-from morlnav.navigation.world import SceneSampler
+from morlnav.navigation.world import PymunkWorld, SceneSampler
 from morlnav.runs import Run
 
 RUN = Path(__file__).parents[2] / "results" / "two_objectives" / "seed_0"
@@ -50,6 +50,19 @@ def test_so_are_rooms(recorded, tmp_path):
     use_recorded_scenes(run, tmp_path / "mine")
     rooms = pd.read_csv(evaluate_route(run, tmp_path / "rooms.yaml", {0: "hall"}, tmp_path))
     assert rooms["episodes"].tolist() == [1, 1]
+
+
+def test_another_world_drives_alike(recorded, tmp_path, monkeypatch):
+    save_demonstrations(recorded, tmp_path / "mine")
+    outcomes = []
+    for world in ("tensor", "pymunk"):
+        words = ["--scenes", tmp_path / "mine", "--world", world, "--steps", 1, "--output", tmp_path / world]
+        evaluate(monkeypatch, *words)
+        outcomes.append(pd.read_csv(tmp_path / world / "episodes.csv"))
+    pd.testing.assert_frame_equal(*outcomes, atol=0.05)
+    run = Run(RUN)
+    use_world(run, "pymunk")
+    assert isinstance(run.evaluation.env.world, PymunkWorld)
 
 
 def blocked(data):

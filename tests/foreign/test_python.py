@@ -20,7 +20,7 @@ TINY = {  # sizes of the page, and of a run in seconds
     "total_frames=200_000": "total_frames=128, optim_steps_per_batch=2, checkpoint_interval=64, progress_bar=False",
     "steps=3000": "steps=2",
     "part(RewardAudit)": "None",
-    "drives=150": "drives=1, num_envs=4, horizon=5",
+    "drives=200": "drives=1, num_envs=4, horizon=5",
     "part(Ranking,": "part(Ranking, episodes=2, held_out=0.5, members=[['observation'], ['observation', 'action']],",
     "steps=1500": "steps=2",
     "max_steps=250": "max_steps=100",

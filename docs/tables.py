@@ -33,13 +33,18 @@ def styles() -> str:
     return _table(head, ([name, *_outcome(part, "collision"), *_driving(part)] for name, part in rows.items()))
 
 
-def three_styles(runs: dict[str, Path] | None = None) -> str:
+def three_styles(runs: dict[str, Path] | None = None, label: str = "seed") -> str:
     """A row for each seed of the default recipe."""
     kept = sorted((RESULTS / "three_styles").iterdir())
     runs = runs or {"0": RESULTS / "default"} | {_seed(path): path for path in kept}
-    head = ["seed", "off demonstration", "human on right", "distance to human", "than shortest path"]
+    head = [label, "off demonstration", "human on right", "distance to human", "than shortest path"]
     head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES), "of the front", "excess"]
     return _table(head, ([seed, *_seed_row(path)] for seed, path in runs.items()))
+
+
+def worlds() -> str:
+    """The default run, driven in the world that it was trained in and in the reference engine."""
+    return three_styles({"tensor": RESULTS / "default", "pymunk": RESULTS / "pymunk"}, "world")
 
 
 def no_refinement() -> str:
@@ -73,7 +78,7 @@ def leave_one_out() -> str:
 
 TABLES = {
     "README.md": (styles,),
-    "docs/results.md": (styles, three_styles, no_refinement, two_styles, two_objectives),
+    "docs/results.md": (styles, three_styles, worlds, no_refinement, two_styles, two_objectives),
     "docs/recipe.md": (leave_one_out,),
 }
 

@@ -21,6 +21,7 @@ from morlnav.navigation.record.plots import plot_metrics, plot_trajectories
 from morlnav.navigation.record.studies_plot import plot_studies
 from morlnav.record.markdown import markdown_table
 from morlnav.runs import Run
+from morlnav.runs.directory import times_of
 
 STUDIED = ["baseline", "baseline_low", "baseline_high", "demonstrator"]
 CURVES = {"evaluation/success": "success", "evaluation/expected_utility": "expected utility"}
@@ -59,7 +60,18 @@ class Report:
             tables["table1"] = self.sweep.table_one()
         if len(next(iter(self.sweep.of(self.sweep.agent, self.sweep.summaries)), ())) > 1:
             self.summary, tables["extremes"] = self.sweep.over_preferences()
+        tables["times"] = self._times()
         self.tables = {name: table for name, table in tables.items() if len(table)}
+
+    def _times(self) -> pd.DataFrame:
+        """Wall time by setting, of the runs that keep it: means over seeds in seconds, and the sum of all runs."""
+        runs = self.sweep.runs
+        times = pd.DataFrame([times_of(path) for path in runs["path"]], index=runs["setting"]).dropna(how="all")
+        times["whole"] = times.sum(axis=1)
+        means = times.groupby(level=0, sort=False).mean()
+        means.insert(0, "seeds", times.groupby(level=0).size())
+        means["sum"] = times["whole"].groupby(level=0).sum()
+        return means.reset_index()
 
     def studies(self) -> Figure | None:
         """Fig. 2: the clone over noise, and over the number of demonstrations."""
@@ -191,6 +203,13 @@ def _comparisons(table: pd.DataFrame) -> pd.DataFrame:
     return readable.assign(**_tests(table))
 
 
+def _times(table: pd.DataFrame) -> pd.DataFrame:
+    minutes = table.drop(columns=["setting", "seeds"]).map(lambda seconds: f"{seconds / 60:.1f}")
+    readable = pd.concat([table[["setting", "seeds"]].astype(str), minutes], axis=1)
+    total = {"setting": "all", "seeds": str(table["seeds"].sum()), "sum": f"{table['sum'].sum() / 60:.1f}"}
+    return pd.concat([readable, pd.DataFrame([total])], ignore_index=True).fillna("")
+
+
 def _extremes(table: pd.DataFrame) -> pd.DataFrame:
     table = table[table["first"] < table["second"]]  # every pair is there in both orders
     means = [" and ".join(_interval(mean) for mean in pair) for pair in table[["mean_first", "mean_second"]].to_numpy()]
@@ -221,7 +240,13 @@ def _latex(table: pd.DataFrame) -> str:
     return text
 
 
-READABLE = {"table1": _table_one, "extremes": _extremes, "scores": _scores, "comparisons": _comparisons}
+READABLE = {
+    "table1": _table_one,
+    "extremes": _extremes,
+    "scores": _scores,
+    "comparisons": _comparisons,
+    "times": _times,
+}
 FIGURES = {
     "fig2": ("studies", "Fig. 2: return of the clone over noise, and over the number of demonstrations"),
     "fig3": ("trajectories", "Fig. 3: {agent} under the preferences Λ, in black the demonstrator without boxes"),
@@ -252,6 +277,11 @@ SECTIONS = {
         "{agent} beside the others",
         "By how much it scores above another, how often one of its seeds does under the same λ (a tie is half of it), "
         "and Welch's t-test between seeds, with Holm's correction for all rows.",
+    ),
+    "times": (
+        "Wall time",
+        "Minutes, means over seeds, and the sum of all seeds. What runs beside each other shares the processor; what a "
+        "run finds in the cache, another one has learned.",
     ),
 }
 

@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
@@ -39,7 +38,7 @@ from morlnav.config import setting
 from morlnav.files import write_text
 from morlnav.record.console import stage
 from morlnav.runs import Run
-from morlnav.runs.directory import remove_leftovers, removed_if_empty, reserved
+from morlnav.runs.directory import remove_leftovers, removed_if_empty, reserved, timed, times_of
 from morlnav.runs.resuming import options_first, resumed_words
 from morlnav.runs.run import prepare
 from morlnav.runs.settings import Settings, refuse_without_clones
@@ -87,7 +86,9 @@ def _begin(settings: Settings, training: Training) -> Trainer:
     directory, logger = settings.directory, training.make_logger(settings.directory)
     settings.save()  # what is learned first belongs to it
     torch.manual_seed(training.seed)
-    trainer = training.make_trainer(directory, training.learn_rewards(directory, logger), logger)
+    with timed(directory, "rewards"):
+        learned = training.learn_rewards(directory, logger)
+    trainer = training.make_trainer(directory, learned, logger)
     remove_leftovers(directory)
     return trainer
 
@@ -130,10 +131,9 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
 
     asked = [number for number in STOP if signal.getsignal(number) != signal.SIG_IGN]  # nohup ignores hang-ups
     handlers = {number: signal.signal(number, stop) for number in asked}
-    start = time.perf_counter()
     try:
         if trainer.collected_frames < trainer.total_frames:
-            with watched(trainer.collector):
+            with watched(trainer.collector), timed(directory, "learning"):
                 trainer.train()
     finally:
         if trainer.progress_bar and hasattr(trainer, "_pbar"):
@@ -145,13 +145,14 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         return None
     finished = Run(directory, trust=True)
     try:
-        policy = training.finish(trainer, finished.learned)
+        with timed(directory, "refinement"):
+            policy = training.finish(trainer, finished.learned)
     except KeyboardInterrupt:
         print(f"\nStopped in the refinement, which begins anew with: {_words_to_continue(directory)}")
         return None
     deployment.save(policy, finished.evaluation.objectives, directory)
-    print(f"\nTrained for {duration(time.perf_counter() - start)}.")
-    with stage("evaluation", setting(training.trainer, "progress_bar")):
+    print(f"\nTrained for {duration(sum(times_of(directory).values()))}.")
+    with stage("evaluation", setting(training.trainer, "progress_bar")), timed(directory, "evaluation"):
         finished.evaluation.report(finished.policy, directory / "evaluation")
     finished.evaluation.show(directory / "evaluation", directory)
     print(f"Everything is in {directory}")

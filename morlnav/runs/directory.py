@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from morlnav.files import write_text
+
 LOCK_FILE = ".lock"
+TIMES_FILE = "times.json"
 UNFINISHED = ("stage", "archive", "delete", "backup")
 """What TorchRL adds to a checkpoint's name while it writes, replaces or removes one."""
 
@@ -43,6 +48,34 @@ def reserved(directory: Path) -> Iterator[None]:
         with suppress(OSError):  # Windows removes no open file
             (directory / LOCK_FILE).unlink()  # while it is held, so that nobody's lock is taken away
         lock.release()
+
+
+@contextmanager
+def timed(directory: Path, part: str) -> Iterator[None]:
+    """Add the seconds that a part of a run takes to those it has taken before an interruption.
+
+    Examples:
+        >>> import tempfile
+        >>> directory = Path(tempfile.mkdtemp())
+        >>> with timed(directory, "learning"):
+        ...     pass
+        >>> list(times_of(directory))
+        ['learning']
+    """
+    start = time.monotonic()
+    try:
+        yield
+    finally:
+        times = times_of(directory)
+        write_text(directory / TIMES_FILE, json.dumps(times | {part: times.get(part, 0.0) + time.monotonic() - start}))
+
+
+def times_of(directory: Path) -> dict[str, float]:
+    """Wall time of every part of a run in seconds; empty where none is known, or the file is damaged."""
+    try:
+        return {str(part): float(seconds) for part, seconds in json.loads((directory / TIMES_FILE).read_text()).items()}
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        return {}
 
 
 def remove_leftovers(directory: Path) -> None:

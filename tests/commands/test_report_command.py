@@ -41,7 +41,8 @@ def test_the_report_on_a_sweep_has_all_tables_and_figures(sweep, tmp_path, monke
     (tmp_path / "fig2.png").touch()  # of an earlier report
     monkeypatch.setattr(sys, "argv", ["morlnav-report", str(sweep), "--output", str(tmp_path), "--scenes", "2"])
     report.main()
-    tables, figures = ("table1", "extremes", "scores", "comparisons"), ("fig3", "fig4", "fronts", "intervals")
+    tables = ("table1", "extremes", "scores", "comparisons", "times")
+    figures = ("fig3", "fig4", "fronts", "intervals")
     files = {f"{name}{kind}" for name in tables for kind in (".csv", ".tex")} | {f"{name}.png" for name in figures}
     assert {path.name for path in tmp_path.iterdir()} == files | {"report.md"}
     page, told = (tmp_path / "report.md").read_text(), capsys.readouterr().out
@@ -65,6 +66,11 @@ def test_the_report_on_a_sweep_has_all_tables_and_figures(sweep, tmp_path, monke
     assert scores.loc["fidelity"].to_dict() == {"our": 2}  # nothing steers the other one
     table = pd.read_csv(tmp_path / "table1.csv").set_index(["setting", "metric"])
     assert table.loc["baseline"]["mean"].drop("navigation_time").notna().all()
+    times = pd.read_csv(tmp_path / "times.csv").set_index("setting")
+    assert times["seeds"].to_dict() == {"our": 2, "baseline": 2}
+    parts = times[["rewards", "learning", "refinement", "evaluation"]]
+    assert (parts > 0).all(None)
+    assert times["sum"].tolist() == pytest.approx((2 * parts.sum(axis=1)).tolist())
 
 
 def test_the_agent_without_preferences_learns_from_the_baseline_alone_and_is_the_dotted_line(sweep):

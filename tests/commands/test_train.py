@@ -26,7 +26,7 @@ from morlnav.trainers.checkpoint import find_checkpoints
 
 
 def test_a_run_leaves_everything_behind(smoke_run):
-    files = ["config.yaml", "policy.pt", "policy.json", "versions.json"]
+    files = ["config.yaml", "policy.pt", "policy.json", "versions.json", "times.json"]
     files += ["evaluation/table.md", "evaluation/trajectories.png"]
     files += [f"evaluation/{name}.csv" for name in ("episodes", "summary", "fidelity", "front")]
     for name in files:

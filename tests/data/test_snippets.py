@@ -48,7 +48,7 @@ def test_a_worse_snippet_begins_after_the_burn_in_as_far_as_its_rollout_goes():
     pairs = SnippetPairs(rollouts([[30, 30], [40, 24]]), length=20, burn_in=8).sample(500)
     begins = pairs["worse", "observation"][:, 0]
     long, short = (begins[begins[:, 1] == episode][:, 2] for episode in (0, 1))
-    assert long.min() == 8 and long.max() == 20
+    assert (long.min(), long.max()) == (8, 20)
     assert (short == 4).all()
     assert pairs["better", "observation"][:, 0, 2].min() == 0
 

@@ -14,7 +14,7 @@ from morlnav.data import preference_edges
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
 from morlnav.navigation.world import Scene
-from morlnav.runs import Run
+from morlnav.runs import Run, make_training
 
 CHANGES = ("episodes", "steps", "seed", "reference")
 """Values of a run's evaluation that the command line may change."""
@@ -50,7 +50,7 @@ def use_world(run: Run, name: str) -> None:
     """Let a run be evaluated in another world than it was trained in, with the same robot, lidar and times.
 
     Args:
-        run: a finished run of a navigating policy, of which nothing is built yet.
+        run: a finished run of a navigating policy.
         name: of a world in the config group.
 
     Raises:
@@ -58,7 +58,9 @@ def use_world(run: Run, name: str) -> None:
     """
     if "world" not in run.config["env"]:
         raise ValueError(f"{run.directory} holds no navigating policy, which worlds are for.")
+    learned = run.learned  # in its own world
     run.config["env"]["world"]["_target_"] = OmegaConf.load(WORLDS[name])["_target_"]
+    run.evaluation = make_training(run.config).make_evaluation(learned)
 
 
 def evaluate_run(run: Run, output: Path | None = None) -> Path:

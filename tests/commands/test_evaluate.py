@@ -60,9 +60,13 @@ def test_another_world_drives_alike(recorded, tmp_path, monkeypatch):
         evaluate(monkeypatch, *words)
         outcomes.append(pd.read_csv(tmp_path / world / "episodes.csv"))
     pd.testing.assert_frame_equal(*outcomes, atol=0.05)
-    run = Run(RUN)
+
+
+def test_what_was_learned_in_one_world_counts_in_another():
+    run = Run(RUN.parents[1] / "default")
     use_world(run, "pymunk")
     assert isinstance(run.evaluation.env.world, PymunkWorld)
+    assert list(run.evaluation.demonstrators) == ["demo"]
 
 
 def blocked(data):

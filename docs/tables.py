@@ -1,4 +1,4 @@
-"""Writes the tables of README.md and docs/results.md anew, from what runs left: ``python docs/tables.py``."""
+"""Writes the tables of README.md and of pages in docs anew, from what runs left: ``python docs/tables.py``."""
 
 from __future__ import annotations
 
@@ -33,31 +33,26 @@ def styles() -> str:
     return _table(head, ([name, *_outcome(part, "collision"), *_driving(part)] for name, part in rows.items()))
 
 
-def three_styles(runs: dict[str, Path] | None = None, label: str = "seed") -> str:
+def three_styles() -> str:
     """A row for each seed of the default recipe."""
-    kept = sorted((RESULTS / "three_styles").iterdir())
-    runs = runs or {"0": RESULTS / "default"} | {_seed(path): path for path in kept}
-    head = [label, "off demonstration", "human on right", "distance to human", "than shortest path"]
-    head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES), "of the front", "excess"]
-    return _table(head, ([seed, *_seed_row(path)] for seed, path in runs.items()))
+    return _by_run("seed", {"0": RESULTS / "default"} | _seeds("three_styles"))
 
 
 def worlds() -> str:
     """The default run, driven in the world that it was trained in and in the reference engine."""
-    return three_styles({"tensor": RESULTS / "default", "pymunk": RESULTS / "pymunk"}, "world")
+    return _by_run("world", {"tensor": RESULTS / "default", "pymunk": RESULTS / "pymunk"})
 
 
 def no_refinement() -> str:
     """The same seeds before their refinement."""
-    return three_styles({_seed(path): path for path in sorted((RESULTS / "no_refinement").iterdir())})
+    return _by_run("seed", _seeds("no_refinement"))
 
 
 def two_styles(folder: str = "two_styles") -> str:
     """A row for each seed of ``recipe=analytical``."""
-    runs = {_seed(path): path for path in sorted((RESULTS / folder).iterdir())}
     head = ["seed", "distance to human", "than shortest path", "all: success", "collision", "timeout"]
     head += [*(f"ρ {name}" for name in STYLES[1:]), "of the front", "excess"]
-    return _table(head, ([seed, *_seed_row(path)] for seed, path in runs.items()))
+    return _table(head, ([seed, *_seed_row(path)] for seed, path in _seeds(folder).items()))
 
 
 def two_objectives() -> str:
@@ -90,6 +85,12 @@ def renewed(page: str) -> str:
         name = table.__name__
         text = re.sub(f"(<!-- {name} -->\n).*?(<!-- end -->)", rf"\1\n{table()}\n\n\2", text, flags=re.DOTALL)
     return text
+
+
+def _by_run(label: str, runs: dict[str, Path]) -> str:
+    head = [label, "off demonstration", "human on right", "distance to human", "than shortest path"]
+    head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES), "of the front", "excess"]
+    return _table(head, ([name, *_seed_row(path)] for name, path in runs.items()))
 
 
 def _seed_row(run: Path) -> list[str]:
@@ -150,8 +151,8 @@ def _read(run: Path, name: str) -> pd.DataFrame:
     return pd.read_csv(run / "evaluation" / f"{name}.csv")
 
 
-def _seed(path: Path) -> str:
-    return path.name.removeprefix("seed_")
+def _seeds(folder: str) -> dict[str, Path]:
+    return {path.name.removeprefix("seed_"): path for path in sorted((RESULTS / folder).iterdir())}
 
 
 def _table(head: list[str], rows: Iterable[list[str]]) -> str:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import torch
-from omegaconf import OmegaConf
 
-from morlnav.cli import conf_dir, folder, one_sentence_errors, quiet, set_threads, writable
+from morlnav.cli import composed, folder, one_sentence_errors, quiet, set_threads, writable
+from morlnav.config import plain
 from morlnav.data import preference_edges
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
@@ -18,9 +18,6 @@ from morlnav.runs import Run, make_training
 
 CHANGES = ("episodes", "steps", "seed", "reference")
 """Values of a run's evaluation that the command line may change."""
-
-WORLDS = {file.stem: file for file in sorted((Path(conf_dir()) / "world").glob("*.yaml"))}
-"""Config of every world by its name."""
 
 WITHOUT = {"animate": ("contexts", "route", "output", "steps", "reference"), "contexts": ("steps", "reference")}
 """Options that another one leaves without a meaning."""
@@ -47,20 +44,20 @@ def use_recorded_scenes(run: Run, folder: Path) -> None:
 
 
 def use_world(run: Run, name: str) -> None:
-    """Let a run be evaluated in another world than it was trained in, with the same robot, lidar and times.
+    """Let a run be evaluated in another world than it was trained in, with the robot, lidar and times of its own.
 
     Args:
         run: a finished run of a navigating policy.
         name: of a world in the config group.
 
     Raises:
-        ValueError: for a policy of another kind.
+        ValueError: for a policy of another kind, and an unknown world.
     """
-    if "world" not in run.config["env"]:
-        raise ValueError(f"{run.directory} holds no navigating policy, which worlds are for.")
-    learned = run.learned  # in its own world
-    run.config["env"]["world"]["_target_"] = OmegaConf.load(WORLDS[name])["_target_"]
-    run.evaluation = make_training(run.config).make_evaluation(learned)
+    navigation_of(run)
+    world, env = plain(composed([f"world={name}"]).env.world), run.config["env"]
+    own = {key: value for key, value in (env.get("world") or {}).items() if key in world and key != "_target_"}
+    config = run.config | {"env": env | {"world": world | own}}
+    run.evaluation = make_training(config).make_evaluation(run.learned)  # rewards belong to the run's own world
 
 
 def evaluate_run(run: Run, output: Path | None = None) -> Path:
@@ -177,7 +174,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, help="seed of the episodes")
     parser.add_argument("--reference", type=float, nargs="+", help="reference point of the hypervolume, by reward")
     parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="drive in the scenes of these demonstrations")
-    parser.add_argument("--world", choices=WORLDS, help="drive in this world (default: the run's own)")
+    parser.add_argument("--world", help="drive in this one of the config group (default: the run's own)")
     parser.add_argument(
         "--output",
         type=folder,

@@ -21,7 +21,6 @@ from morlnav.navigation.record.plots import plot_metrics, plot_trajectories
 from morlnav.navigation.record.studies_plot import plot_studies
 from morlnav.record.markdown import markdown_table
 from morlnav.runs import Run
-from morlnav.runs.directory import times_of
 
 STUDIED = ["baseline", "baseline_low", "baseline_high", "demonstrator"]
 CURVES = {"evaluation/success": "success", "evaluation/expected_utility": "expected utility"}
@@ -60,18 +59,8 @@ class Report:
             tables["table1"] = self.sweep.table_one()
         if len(next(iter(self.sweep.of(self.sweep.agent, self.sweep.summaries)), ())) > 1:
             self.summary, tables["extremes"] = self.sweep.over_preferences()
-        tables["times"] = self._times()
+        tables["times"] = self.sweep.times()
         self.tables = {name: table for name, table in tables.items() if len(table)}
-
-    def _times(self) -> pd.DataFrame:
-        """Wall time by setting, of the runs that keep it: means over seeds in seconds, and the sum of all runs."""
-        runs = self.sweep.runs
-        times = pd.DataFrame([times_of(path) for path in runs["path"]], index=runs["setting"]).dropna(how="all")
-        times["whole"] = times.sum(axis=1)
-        means = times.groupby(level=0, sort=False).mean()
-        means.insert(0, "seeds", times.groupby(level=0).size())
-        means["sum"] = times["whole"].groupby(level=0).sum()
-        return means.reset_index()
 
     def studies(self) -> Figure | None:
         """Fig. 2: the clone over noise, and over the number of demonstrations."""
@@ -204,10 +193,8 @@ def _comparisons(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _times(table: pd.DataFrame) -> pd.DataFrame:
-    minutes = table.drop(columns=["setting", "seeds"]).map(lambda seconds: f"{seconds / 60:.1f}")
-    readable = pd.concat([table[["setting", "seeds"]].astype(str), minutes], axis=1)
-    total = {"setting": "all", "seeds": str(table["seeds"].sum()), "sum": f"{table['sum'].sum() / 60:.1f}"}
-    return pd.concat([readable, pd.DataFrame([total])], ignore_index=True).fillna("")
+    minutes = table.drop(columns=["setting", "runs"]).map(lambda cell: _interval(cell, digits=1))
+    return table[["setting", "runs"]].astype(str).join(minutes)
 
 
 def _extremes(table: pd.DataFrame) -> pd.DataFrame:
@@ -280,8 +267,8 @@ SECTIONS = {
     ),
     "times": (
         "Wall time",
-        "Minutes, means over seeds, and the sum of all seeds. What runs beside each other shares the processor; what a "
-        "run finds in the cache, another one has learned.",
+        "Minutes: means over runs, and the sum of all. Runs beside each other share the processor; rewards from the "
+        "cache cost nothing here.",
     ),
 }
 

@@ -38,7 +38,7 @@ from morlnav.config import setting
 from morlnav.files import write_text
 from morlnav.record.console import stage
 from morlnav.runs import Run
-from morlnav.runs.directory import remove_leftovers, removed_if_empty, reserved, timed, times_of
+from morlnav.runs.directory import TIMES_FILE, remove_leftovers, removed_if_empty, reserved, timed, times_of
 from morlnav.runs.resuming import options_first, resumed_words
 from morlnav.runs.run import prepare
 from morlnav.runs.settings import Settings, refuse_without_clones
@@ -86,6 +86,7 @@ def _begin(settings: Settings, training: Training) -> Trainer:
     directory, logger = settings.directory, training.make_logger(settings.directory)
     settings.save()  # what is learned first belongs to it
     torch.manual_seed(training.seed)
+    (directory / TIMES_FILE).unlink(missing_ok=True)  # of a run that left no checkpoint
     with timed(directory, "rewards"):
         learned = training.learn_rewards(directory, logger)
     trainer = training.make_trainer(directory, learned, logger)
@@ -133,7 +134,8 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
     handlers = {number: signal.signal(number, stop) for number in asked}
     try:
         if trainer.collected_frames < trainer.total_frames:
-            with watched(trainer.collector), timed(directory, "learning"):
+            with watched(trainer.collector), timed(directory, "learning", goes_on=True) as note:
+                trainer.register_op("post_steps", note)
                 trainer.train()
     finally:
         if trainer.progress_bar and hasattr(trainer, "_pbar"):
@@ -151,7 +153,8 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
         print(f"\nStopped in the refinement, which begins anew with: {_words_to_continue(directory)}")
         return None
     deployment.save(policy, finished.evaluation.objectives, directory)
-    print(f"\nTrained for {duration(sum(times_of(directory).values()))}.")
+    times = times_of(directory)
+    print(f"\nTrained for {duration(sum(times.values()) - times.get('evaluation', 0.0))}.")
     with stage("evaluation", setting(training.trainer, "progress_bar")), timed(directory, "evaluation"):
         finished.evaluation.report(finished.policy, directory / "evaluation")
     finished.evaluation.show(directory / "evaluation", directory)

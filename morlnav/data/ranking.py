@@ -84,10 +84,12 @@ class SnippetPairs:
     Args:
         rollouts: ``[levels, episodes, T]`` from :func:`roll_out_ranked`, noise ascending.
         length: steps of a snippet; ``None`` for whole roll-outs, padded and masked.
-        burn_in: steps at the beginning of the worse roll-out that are left out, as far as it is longer.
+        burn_in: steps at the beginning of the worse roll-out that are left out; of one that ends before, only its last
+            snippet is drawn.
 
     Raises:
-        ValueError: if there are fewer than two levels, or a level has no roll-out as long as a snippet.
+        ValueError: if there are fewer than two levels, a level has no roll-out as long as a snippet, or the burn-in is
+            negative, or one of whole roll-outs.
 
     Examples:
         >>> rollouts = TensorDict(observation=torch.zeros(3, 4, 10, 34), action=torch.zeros(3, 4, 10, 2),
@@ -97,6 +99,8 @@ class SnippetPairs:
     """
 
     def __init__(self, rollouts: TensorDict, length: int | None = 5, burn_in: int = 0) -> None:
+        if burn_in < 0 or (burn_in and length is None):
+            raise ValueError(f"burn_in must be 0 or more, and 0 for whole roll-outs, got {burn_in}.")
         self.rollouts, self.length, self.burn_in = rollouts, length, burn_in
         self.steps = rollouts["mask"].sum(-1)
         self.valid = (self.steps >= (length or 1)).float()

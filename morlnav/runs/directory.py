@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -16,6 +16,9 @@ from morlnav.files import write_text
 
 LOCK_FILE = ".lock"
 TIMES_FILE = "times.json"
+PARTS = ("rewards", "learning", "refinement", "evaluation")
+"""What takes the time of a run, in this order."""
+
 UNFINISHED = ("stage", "archive", "delete", "backup")
 """What TorchRL adds to a checkpoint's name while it writes, replaces or removes one."""
 
@@ -51,30 +54,42 @@ def reserved(directory: Path) -> Iterator[None]:
 
 
 @contextmanager
-def timed(directory: Path, part: str) -> Iterator[None]:
-    """Add the seconds that a part of a run takes to those it has taken before an interruption.
+def timed(directory: Path, part: str, goes_on: bool = False) -> Iterator[Callable[[], None]]:
+    """Keep the seconds that a part of a run takes, when it ends and whenever the function that this gives is called.
+
+    Args:
+        directory: of the run.
+        part: one of :data:`PARTS`.
+        goes_on: add them to those that were kept before.
 
     Examples:
         >>> import tempfile
         >>> directory = Path(tempfile.mkdtemp())
-        >>> with timed(directory, "learning"):
-        ...     pass
-        >>> list(times_of(directory))
-        ['learning']
+        >>> with timed(directory, "learning") as note:
+        ...     note()
+        >>> times_of(directory)["learning"] < 1
+        True
     """
-    start = time.monotonic()
+    times, start = times_of(directory), time.monotonic()
+    before = times.get(part, 0.0) if goes_on else 0.0
+
+    def note() -> None:
+        now = times | {part: round(before + time.monotonic() - start, 2)}
+        with suppress(OSError):  # nothing depends on it
+            write_text(directory / TIMES_FILE, json.dumps(now, indent=2))
+
     try:
-        yield
+        yield note
     finally:
-        times = times_of(directory)
-        write_text(directory / TIMES_FILE, json.dumps(times | {part: times.get(part, 0.0) + time.monotonic() - start}))
+        note()
 
 
 def times_of(directory: Path) -> dict[str, float]:
-    """Wall time of every part of a run in seconds; empty where none is known, or the file is damaged."""
+    """Wall time of the parts of a run in seconds, as far as it is known: nothing where the file is damaged."""
     try:
-        return {str(part): float(seconds) for part, seconds in json.loads((directory / TIMES_FILE).read_text()).items()}
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+        times = dict(json.loads((directory / TIMES_FILE).read_text()))
+        return {part: float(times[part]) for part in PARTS if part in times}
+    except (OSError, ValueError, TypeError, RecursionError):
         return {}
 
 

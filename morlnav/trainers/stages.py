@@ -160,8 +160,9 @@ class Ranking:
         comparisons: ComparedPairs | None = None,
     ) -> None:
         check_at_least(1, episodes=episodes, batch_size=batch_size, snippet=snippet or 1)
-        if burn_in < 0 or (burn_in and snippet is None):
-            raise ValueError(f"burn_in must be 0 or more, and 0 for whole roll-outs (snippet=null), got {burn_in}.")
+        check_at_least(0, burn_in=burn_in)
+        if burn_in and snippet is None:
+            raise ValueError(f"Whole roll-outs (snippet=null) have no burn-in; set burn_in=0, not {burn_in}.")
         if snippet == 0:
             raise ValueError("snippet must be at least 1, or null for whole roll-outs, got 0.")
         if len(levels) < 2 or list(levels) != sorted(set(levels)) or levels[0] < 0:
@@ -190,8 +191,10 @@ class Ranking:
         Raises:
             ValueError: for that, and for snippets longer than an episode.
         """
-        if (self.snippet or 1) > live["max_steps"]:
-            raise ValueError(f"rewards.ranking.snippet must be at most the {live['max_steps']} steps of an episode.")
+        if (self.snippet or 1) + self.burn_in > live["max_steps"]:
+            raise ValueError(
+                f"rewards.ranking.snippet and burn_in must be at most the {live['max_steps']} steps of an episode."
+            )
         supply(self.noise, **{**live, "epsilon": torch.tensor(self.levels)})
         for inputs in self.members:
             supply(self.model, **{**live, "inputs": list(inputs)})

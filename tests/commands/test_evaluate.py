@@ -6,6 +6,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 import torch
+import yaml
 
 from morlnav.commands.evaluate import evaluate_route, main, use_recorded_scenes, use_world
 from morlnav.navigation.demonstrations import record_demonstrations, save_demonstrations
@@ -67,6 +68,21 @@ def test_what_was_learned_in_one_world_counts_in_another():
     use_world(run, "pymunk")
     assert isinstance(run.evaluation.env.world, PymunkWorld)
     assert list(run.evaluation.demonstrators) == ["demo"]
+
+
+def test_a_run_without_a_world_of_its_own_takes_the_named_one():
+    run = Run(RUN)
+    run.config["env"]["world"] = None
+    use_world(run, "pymunk")
+    assert isinstance(run.evaluation.env.world, PymunkWorld)
+
+
+def test_only_who_navigates_drives_in_a_world(tmp_path):
+    config = yaml.safe_load((RUN / "config.yaml").read_text())
+    config["evaluation"] = {"_target_": "morlnav.evaluation.Evaluation", "episodes": 2}
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
+    with pytest.raises(ValueError, match="holds no navigating policy"):
+        use_world(Run(tmp_path), "pymunk")
 
 
 def blocked(data):

@@ -67,10 +67,11 @@ def test_the_report_on_a_sweep_has_all_tables_and_figures(sweep, tmp_path, monke
     table = pd.read_csv(tmp_path / "table1.csv").set_index(["setting", "metric"])
     assert table.loc["baseline"]["mean"].drop("navigation_time").notna().all()
     times = pd.read_csv(tmp_path / "times.csv").set_index("setting")
-    assert times["seeds"].to_dict() == {"our": 2, "baseline": 2}
+    assert times["runs"].to_dict() == {"our": 2, "baseline": 2, "all": 4}
     parts = times[["rewards", "learning", "refinement", "evaluation"]]
     assert (parts > 0).all(None)
-    assert times["sum"].tolist() == pytest.approx((2 * parts.sum(axis=1)).tolist())
+    assert times["together"].tolist() == pytest.approx((times["runs"] * parts.sum(axis=1)).tolist())
+    assert times["together"]["all"] == pytest.approx(times["together"].iloc[:2].sum())
 
 
 def test_the_agent_without_preferences_learns_from_the_baseline_alone_and_is_the_dotted_line(sweep):

@@ -27,7 +27,7 @@ RUN --episodes -3                        | evaluation.episodes must be at least 
 RUN --episodes 1.5                       | argument --episodes: invalid int value: '1.5'
 RUN --episodes many                      | argument --episodes: invalid int value: 'many'
 RUN --episodes                           | argument --episodes: expected one argument
-RUN --world unity                        | argument --world: invalid choice: 'unity'
+RUN --world unity                        | There is no world/unity; choose from: pymunk, tensor
 RUN --steps 0                            | evaluation.steps must be at least 1, got 0
 RUN --steps -1                           | evaluation.steps must be at least 1, got -1
 RUN --steps nan                          | argument --steps: invalid int value

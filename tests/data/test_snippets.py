@@ -53,6 +53,12 @@ def test_a_worse_snippet_begins_after_the_burn_in_as_far_as_its_rollout_goes():
     assert pairs["better", "observation"][:, 0, 2].min() == 0
 
 
+@pytest.mark.parametrize("settings", [{"burn_in": -1}, {"length": None, "burn_in": 1}])
+def test_a_burn_in_that_means_nothing_is_refused(settings):
+    with pytest.raises(ValueError, match="burn_in must be 0 or more, and 0 for whole roll-outs"):
+        SnippetPairs(rollouts([[30], [30]]), **settings)
+
+
 def test_whole_rollouts_are_padded_and_masked():
     pairs = SnippetPairs(rollouts([[30, 30], [12, 12]]), length=None).sample(50)
     assert (pairs["better", "mask"].sum(1) == 30).all()

@@ -8,6 +8,8 @@ import pytest
 from support import ANALYTICAL, BRIEF
 
 import morlnav
+from morlnav.commands.evaluate import use_world
+from morlnav.navigation.world import PymunkWorld
 from morlnav.runs import Run
 
 ROOT = Path(__file__).parents[2]
@@ -53,6 +55,14 @@ def test_a_part_of_ones_own_is_at_work(rows, used, train_command):
     start = () if any(word.startswith("objectives=") for word in words) else (ANALYTICAL,)
     train_command(*SMOKE, *TINY, *start, *words, "hydra.run.dir=run")
     assert {mark for _, _, mark in rows} <= used
+
+
+def test_what_was_trained_in_a_world_of_ones_own_is_evaluated_in_another(used, train_command):
+    train_command(*SMOKE, *TINY, ANALYTICAL, *shlex.split(ROWS[1][1]), "env.world.step_time=0.25", "hydra.run.dir=run")
+    assert used == {"SlipperyWorld"}
+    use_world(run := Run("run", trust=True), "pymunk")
+    assert type(run.evaluation.env.world) is PymunkWorld
+    assert run.evaluation.env.world.step_time == 0.25
 
 
 @pytest.mark.parametrize("rows", groups(swaps(True)), ids=lambda rows: ",".join(row[2] for row in rows))

@@ -8,6 +8,7 @@ from morlnav.navigation.demonstrations import record_demonstrations, save_demons
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import SceneSampler
 from morlnav.runs import Run, load_config
+from morlnav.runs.directory import timed, times_of
 from morlnav.runs.run import prepare
 from morlnav.trainers import Training
 
@@ -113,3 +114,26 @@ def test_one_thread_computes_unless_more_are_asked_for():  # a second one is slo
     assert torch.get_num_threads() == 2
     prepare(configure())
     assert torch.get_num_threads() == 1
+
+
+def test_times_of_parts_add_up_where_they_go_on(tmp_path):
+    (tmp_path / "times.json").write_text('{"learning": 100.0, "refinement": 50.0, "lunch": 9.0}')
+    with timed(tmp_path, "learning", goes_on=True) as note:
+        note()
+        assert 100 <= times_of(tmp_path)["learning"] < 110  # whoever is killed now has this
+    with pytest.raises(KeyboardInterrupt), timed(tmp_path, "refinement"):
+        raise KeyboardInterrupt
+    assert times_of(tmp_path)["refinement"] < 10
+    assert set(times_of(tmp_path)) == {"learning", "refinement"}
+
+
+@pytest.mark.parametrize("text", ["", "[]", "3", '{"learning": "long"}', '{"learning": null}'])
+def test_damaged_times_are_none(tmp_path, text):
+    (tmp_path / "times.json").write_text(text)
+    assert times_of(tmp_path) == {}
+
+
+def test_times_that_cannot_be_written_stop_nothing(tmp_path):
+    (tmp_path / "times.json").mkdir()
+    with timed(tmp_path, "learning"):
+        pass

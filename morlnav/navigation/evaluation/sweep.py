@@ -17,6 +17,7 @@ from morlnav.navigation.evaluation.paper import PAPER, TABLE_ONE, paper_name, pu
 from morlnav.navigation.evaluation.possible import EDGE, ExactFront, possible_table
 from morlnav.navigation.evaluation.report import PLOTTED
 from morlnav.navigation.evaluation.statistics import ONLY_SUCCESS, compare_extremes, fidelity, tuneable_objectives
+from morlnav.runs.directory import PARTS, times_of
 
 ENDS = ("", "_low", "_high")
 """After the name of a metric: its mean, and the ends of the interval."""
@@ -66,6 +67,8 @@ class Sweep:
         if self.summaries and 0 < len(absent) < len(PAPER):
             words = ",".join(f"[{word}]" if "," in word else word for word in absent)
             self.notes.append(f"The sweep lacks agents of the paper: ablation={words}.")
+        if untimed := [run.run for run in _rows(self.runs) if not times_of(run.path)]:
+            self.notes.append(f"No wall time is known of {', '.join(untimed)}.")
         if self.summaries and self.front is None:
             self.notes.append("No run keeps evaluation/exact_front.csv; morlnav-evaluate RUN_DIR writes it.")
 
@@ -187,6 +190,22 @@ class Sweep:
                 ("fidelity", f"{r.objective} against {r.versus}", np.nan_to_num(r.edge_spearman)) for r in _rows(ranks)
             ]
         return [(score, setting, run, task, value) for score, task, value in rows]
+
+    def times(self) -> pd.DataFrame:
+        """Wall time in minutes, of the runs that keep it in ``times.json``.
+
+        Returns:
+            A row per setting and one for ``all`` runs, with the columns ``setting``, ``runs``, the parts of a run and
+            ``one run`` (means over runs), and ``together`` (their sum).
+        """
+        kept = pd.DataFrame([times_of(path) for path in self.runs["path"]], self.runs["setting"], PARTS) / 60
+        kept = kept.dropna(how="all").assign(**{"one run": lambda parts: parts.sum(axis=1)}).reset_index()
+        groups = {name: kept[kept["setting"] == name] for name in kept["setting"].unique()}
+        rows = [
+            {"setting": name, "runs": len(runs), **runs.mean(numeric_only=True), "together": runs["one run"].sum()}
+            for name, runs in ({**groups, "all": kept} if groups else {}).items()
+        ]
+        return pd.DataFrame(rows)
 
     def over_preferences(self) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Fig. 4 of :attr:`agent`: metrics under every λ, and t-tests between the extreme preferences.

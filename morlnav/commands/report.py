@@ -42,7 +42,7 @@ class Report:
     Examples:
         >>> report = Report([Path("results/two_styles")])
         >>> sorted(report.tables)
-        ['extremes', 'scores', 'table1']
+        ['extremes', 'scores', 'table1', 'times']
         >>> len(report.fronts().axes)
         1
     """

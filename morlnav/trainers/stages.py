@@ -189,7 +189,7 @@ class Ranking:
         """Make noise and models once, to find out what they refuse before anything is rolled out.
 
         Raises:
-            ValueError: for that, and for snippets longer than an episode.
+            ValueError: for that, and for snippets that, after the burn-in, end beyond an episode.
         """
         if (self.snippet or 1) + self.burn_in > live["max_steps"]:
             raise ValueError(

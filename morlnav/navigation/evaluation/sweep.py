@@ -67,7 +67,7 @@ class Sweep:
         if self.summaries and 0 < len(absent) < len(PAPER):
             words = ",".join(f"[{word}]" if "," in word else word for word in absent)
             self.notes.append(f"The sweep lacks agents of the paper: ablation={words}.")
-        if untimed := [run.run for run in _rows(self.runs) if not times_of(run.path)]:
+        if untimed := [run.run for run in _rows(self.runs) if not self.seconds[run.run]]:
             self.notes.append(f"No wall time is known of {', '.join(untimed)}.")
         if self.summaries and self.front is None:
             self.notes.append("No run keeps evaluation/exact_front.csv; morlnav-evaluate RUN_DIR writes it.")
@@ -76,6 +76,11 @@ class Sweep:
     def fronts(self) -> dict[str, pd.DataFrame]:
         """``front.csv`` of every run."""
         return {run.run: read_columns(run.path / "evaluation" / "front.csv", ["utility"]) for run in _rows(self.runs)}
+
+    @cached_property
+    def seconds(self) -> dict[str, dict[str, float]]:
+        """``times.json`` of every run, as far as it keeps one."""
+        return {run.run: times_of(run.path) for run in _rows(self.runs)}
 
     @cached_property
     def summaries(self) -> dict[str, pd.DataFrame]:
@@ -198,7 +203,7 @@ class Sweep:
             A row per setting and one for ``all`` runs, with the columns ``setting``, ``runs``, the parts of a run and
             ``one run`` (means over runs), and ``together`` (their sum).
         """
-        kept = pd.DataFrame([times_of(path) for path in self.runs["path"]], self.runs["setting"], PARTS) / 60
+        kept = pd.DataFrame(list(self.seconds.values()), self.runs["setting"], PARTS) / 60
         kept = kept.dropna(how="all").assign(**{"one run": lambda parts: parts.sum(axis=1)}).reset_index()
         groups = {name: kept[kept["setting"] == name] for name in kept["setting"].unique()}
         rows = [

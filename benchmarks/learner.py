@@ -40,7 +40,6 @@ SHAPES = (
 PLAIN = (
     "loss.terms.angle=null",
     "loss.terms.proposals=null",
-    "loss.actor_qvalue_nets=1",
     "critic.afterstate=null",
 )
 EXACT = "products=float32"

@@ -16,7 +16,6 @@ from morlnav.objectives import MORLTD3Loss
 STATE, ACTION = 3, 1
 LOW, HIGH = torch.tensor([-2.0]), torch.tensor([2.0])
 DISTANCES = {"l2": mse_loss, "l1": l1_loss, "smooth_l1": smooth_l1_loss}
-PAPER = {"policy_noise": 0.0, "pessimism": 1.0, "actor_qvalue_nets": 1}  # without noise, which has a test of its own
 SIZES = [(1, 1), (2, 2), (3, 2), (4, 2), (5, 5)]  # objectives m, preference entries n; m - n are static
 
 
@@ -45,7 +44,7 @@ def make_loss(m=3, n=2, **options):
     """A loss whose targets differ from its networks; the same seed gives the same weights."""
     torch.manual_seed(options.pop("seed", 0))
     actor, critics = networks(m, n)
-    options = {"bounds": (LOW, HIGH), "loss_function": "l2", **PAPER, **options}
+    options = {"bounds": (LOW, HIGH), "loss_function": "l2", "policy_noise": 0.0, **options}
     loss = MORLTD3Loss(actor, critics, **options)
     loss.make_value_estimator(ValueEstimators.TD0, gamma=0.9)
     with torch.no_grad():

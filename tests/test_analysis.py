@@ -146,17 +146,15 @@ def test_a_run_of_a_sweep_is_called_by_the_words_that_were_typed(tmp_path):
 
 
 def test_other_words_and_what_no_word_explains_are_named_too(tmp_path):
-    for number, (ablation, pessimism, gamma) in enumerate(
-        [("our", 0.5, 0.9), ("our", 1.0, 0.9), ("no_angle", 0.5, 0.8)]
-    ):
-        run = make_run(tmp_path / f"{number}", loss={"pessimism": pessimism, "gamma": gamma})
-        type_words(run, f"ablation={ablation}", f"loss.pessimism={pessimism}")
+    for number, (ablation, clip, gamma) in enumerate([("our", 0.5, 0.9), ("our", 1.0, 0.9), ("no_angle", 0.5, 0.8)]):
+        run = make_run(tmp_path / f"{number}", loss={"noise_clip": clip, "gamma": gamma})
+        type_words(run, f"ablation={ablation}", f"loss.noise_clip={clip}")
     assert load_settings(tmp_path)["setting"].tolist() == [
-        "our, loss.pessimism=0.5",
-        "our, loss.pessimism=1.0",
-        "no_angle, loss.pessimism=0.5",
+        "our, loss.noise_clip=0.5",
+        "our, loss.noise_clip=1.0",
+        "no_angle, loss.noise_clip=0.5",
     ]
-    assert load_settings([tmp_path / "0", tmp_path / "1"])["setting"].tolist()[0] == "loss.pessimism=0.5"
+    assert load_settings([tmp_path / "0", tmp_path / "1"])["setting"].tolist()[0] == "loss.noise_clip=0.5"
     untold = [make_run(tmp_path / name, loss={"gamma": gamma}) for name, gamma in {"a": 0.9, "b": 0.8}.items()]
     assert load_settings(untold)["setting"].tolist() == ["loss.gamma=0.9", "loss.gamma=0.8"]
     assert load_settings(untold[:1])["setting"].tolist() == ["our"]

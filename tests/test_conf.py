@@ -177,11 +177,10 @@ def test_the_papers_recipe_trains_on_a_reward_that_fails_its_audit():
     assert [cfg.rewards.audit.required for cfg in cfgs] == [False, True]
 
 
-def test_an_objective_brings_its_own_scale_and_horizon():
+def test_an_objective_brings_its_own_scale():
     with initialize_config_dir(conf_dir(), version_base="1.3"):
         cfg = compose("train", ["objectives=[baseline,distance]"])
     assert cfg.loss.scalarisation.scale == {"distance": 2.0, "default": 1.0}
-    assert cfg.hooks.discount.end == {"baseline": 0.9925, "distance": 0.997, "default": 0.995}
 
 
 APP = """
@@ -260,7 +259,6 @@ my:
   actor: {num_objectives: 2, features: {size: 34}}
   critic: {num_objectives: 2, num_rewards: 3, features: {size: 34}}
   loss:
-    return_bounds: null
     scalarisation: {scale: 1.0, tie_break: 0.0}
     terms: {angle: {interpolator: {num_objectives: 2}}}
   training:
@@ -268,7 +266,6 @@ my:
     _recursive_: false
     loss: {scalarisation: {scale: {default: 1.0}, tie_break: {default: 0.0}}}
     refinement: {num_envs: 4, horizon: 5}
-    hooks: {discount: {end: {default: 0.99}}}
 hydra:
   searchpath: [pkg://morlnav.conf]
   run: {dir: .}
@@ -296,7 +293,7 @@ def test_another_project_builds_our_parts_from_our_groups_under_its_own_names(in
     package = unpacked_wheel(tmp_path / "wheel") if installed == "wheel" else CHECKOUT
     (tmp_path / "app.py").write_text(APP)
     (tmp_path / "app.yaml").write_text(CONFIG)
-    overrides = ["my.loss.pessimism=0.9", "preferences@my.sampler=dirichlet"]
+    overrides = ["my.loss.noise_clip=0.9", "preferences@my.sampler=dirichlet"]
     command = [sys.executable, "-W", "error::UserWarning:hydra", "app.py", *overrides]  # it warns of a missing package
     environment = os.environ | {"PYTHONPATH": str(package)}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
@@ -307,5 +304,5 @@ def test_another_project_builds_our_parts_from_our_groups_under_its_own_names(in
     assert configs(Path(file).parent / "conf") == configs(CHECKOUT / "conf")
     mine = OmegaConf.load(tmp_path / "composed.yaml").my
     assert mine.loss._target_ == "morlnav.objectives.MORLTD3Loss"
-    assert mine.loss.pessimism == 0.9
+    assert mine.loss.noise_clip == 0.9
     assert mine.sampler._target_ == "morlnav.data.DirichletPreferences"

@@ -48,7 +48,6 @@ from morlnav.objectives import (
     LinearScalarisation,
     MORLTD3Loss,
     Proposals,
-    ReturnBounds,
     Search,
 )
 from morlnav.trainers import PathwiseRefinement, refinement
@@ -208,7 +207,6 @@ def test_an_update_never_waits_for_the_device(accelerator, kind, dtype):
     critics = [VectorCritic(3, 2, **ROBOT, **seen) for _ in range(2)]
     scalarisation = LinearScalarisation([1.0, 0.5], [0.0, 0.1])
     angle = kind(critic=1.0, degrees=True, interpolator=PreferenceInterpolator(2, steps=2))
-    bounds = ReturnBounds(([-1.0, -1.0, -torch.inf], [1.0, 0.0, torch.inf]))
     for network in (actor, clone, *critics):
         round_products(network, dtype)
     with accelerator, answers():
@@ -219,13 +217,10 @@ def test_an_update_never_waits_for_the_device(accelerator, kind, dtype):
             TensorDictModule(actor, ["observation", "preference"], ["action"]),
             [TensorDictModule(net, ["observation", "preference", "action"], ["state_action_value"]) for net in critics],
             action_spec=make_env().action_spec,
-            actor_qvalue_nets=2,
-            pessimism=0.5,
             scalarisation=scalarisation.to(DEVICE),
             terms={"proposals": proposals.to(DEVICE), "angle": angle.to(DEVICE)},
-            return_bounds=bounds.to(DEVICE),
         )
-        loss.make_value_estimator(ValueEstimators.TD0, gamma=[0.9, 0.99, 0.99])
+        loss.make_value_estimator(ValueEstimators.TD0, gamma=0.99)
         relabel = HindsightPreferenceRelabel(UniformPreferences(2), share=0.75, num_relabels=2)
         parameters = [parameter for parameter in loss.parameters() if parameter.requires_grad]
         optimizer, targets = torch.optim.Adam(parameters, capturable=True), SoftUpdate(loss, tau=0.05)

@@ -66,13 +66,13 @@ def test_a_sweep_goes_on_where_it_stopped(train_command, tmp_path, capsys):
     assert_identical(torch.load(half_done / "policy.pt"), policy)
 
     with pytest.raises(
-        SystemExit, match=r"sweep/0 holds a run of another config \(loss\.pessimism: 0\.5 then, 0\.3 now"
+        SystemExit, match=r"sweep/0 holds a run of another config \(loss\.noise_clip: 0\.5 then, 0\.3 now"
     ):
-        train_command(*sweep, "loss.pessimism=0.3")
+        train_command(*sweep, "loss.noise_clip=0.3")
 
 
 def test_a_value_that_a_later_job_is_refused_for_is_told_before_the_first_one_trains(train_command, tmp_path):
-    told = r"loss\.pessimism=7: loss\.pessimism must be between 0 and 1, got 7\."
+    told = r"loss\.noise_clip=-7: loss\.noise_clip must be at least 0, got -7\."
     with pytest.raises(SystemExit, match=told):
-        train_command("-m", *SMALL, *SHORT, "loss.pessimism=0.5,7")
+        train_command("-m", *SMALL, *SHORT, "loss.noise_clip=0.5,-7")
     assert not any(tmp_path.iterdir())

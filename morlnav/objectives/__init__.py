@@ -1,7 +1,6 @@
 """Loss modules."""
 
 from morlnav.modules.scalarisation import LinearScalarisation
-from morlnav.objectives.bounds import ReturnBounds
 from morlnav.objectives.cloning import BehaviourCloningLoss
 from morlnav.objectives.morl_td3 import MORLTD3Loss
 from morlnav.objectives.ranking import RankingLoss
@@ -28,6 +27,5 @@ __all__ = [
     "MORLTD3Loss",
     "Proposals",
     "RankingLoss",
-    "ReturnBounds",
     "Search",
 ]

@@ -1,47 +1,13 @@
-"""Bounds of an action, as several losses need them, and of a return."""
+"""Bounds of an action, as several losses need them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import torch
 from tensordict.utils import NestedKey
-from torch import Tensor, nn
+from torch import Tensor
 from torchrl.data import Bounded, Composite, TensorSpec
 
 from morlnav.modules.networks import check_bounds
-
-
-class ReturnBounds(nn.Module):
-    """Keeps values within what bounded rewards can add up to (Andrychowicz et al. 2017, for every entry of a reward).
-
-    An episode may end at any time, so returns lie in ``[min(low, 0), max(high, 0)] / (1 - γ)``.
-
-    Args:
-        reward_bounds: least and largest reward of a step, ``[2, m]`` or two numbers; infinite where unknown.
-
-    Raises:
-        ValueError: if a least reward is above the largest.
-
-    Examples:
-        >>> bounds = ReturnBounds([[-1.0, -1.0], [0.0, torch.inf]])
-        >>> bounds(torch.tensor([[0.5, 50.0], [-20.0, -20.0]]), torch.tensor(0.9))
-        tensor([[  0.0000,  50.0000],
-                [-10.0000, -10.0000]])
-    """
-
-    def __init__(self, reward_bounds: Tensor | Sequence[Sequence[float]] | tuple[float, float]) -> None:
-        super().__init__()
-        low, high = (torch.as_tensor(bound, dtype=torch.float32) for bound in reward_bounds)
-        if (low > high).any():
-            raise ValueError(f"reward_bounds must be (low, high) with low <= high, got {reward_bounds}.")
-        self.register_buffer("low", low, persistent=False)
-        self.register_buffer("high", high, persistent=False)
-
-    def forward(self, value: Tensor, gamma: Tensor) -> Tensor:
-        """Values ``[..., m]``, clamped, for discounts ``[m]`` or one."""
-        ends = (end / (1 - gamma) for end in (self.low.clamp_max(0), self.high.clamp_min(0)))
-        return value.clamp(*(end.nan_to_num(0.0, torch.inf, -torch.inf) for end in ends))  # 0 / 0 without a discount
 
 
 def action_bounds(

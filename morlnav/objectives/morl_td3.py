@@ -27,7 +27,7 @@ class MORLTD3Loss(VectorActorCriticLoss):
 
     With weights ``w(λ) = [1, …, λ]`` and terms ``t``, such as the angle of Eq. 1::
 
-        y        = r + γ·[β·Q_k + (1 - β)·mean_i Q_i](s', ã, λ),   k = argmin_i wᵀQ_i   (the whole vector of one twin)
+        y        = r + γ·Q_k(s', ã, λ),   k = argmin_i wᵀQ_i(s', ã, λ)   (the whole vector of one twin)
         L_critic = Σ_i ℓ(Q_i(s, a, λ), y) + Σ_t t.critic(Q_i)
         L_actor  = -wᵀQ_1(s, π(s, λ), λ) + Σ_t t.actor(π, Q_1)
 
@@ -42,21 +42,16 @@ class MORLTD3Loss(VectorActorCriticLoss):
         action_spec: bounded spec of the action; or give ``bounds``.
         bounds: ``(low, high)`` of the action, finite; exactly one of the two.
         num_qvalue_nets: number of critics.
-        actor_qvalue_nets: of how many the actor climbs the mean: 1 as in TD3; with more it follows fewer errors.
         policy_noise: standard deviation of the target's smoothing noise, in units of half the action range.
         noise_clip: the noise is clipped to this, in the same units.
         loss_function: ``"l2"``, ``"l1"`` or ``"smooth_l1"``.
-        pessimism: ``β``: 1 takes the smaller twin (Sec. III-B), 0 the mean of all, which is less careful.
         scalarisation: maps ``(λ, m)`` to weights; :class:`LinearScalarisation` by default.
         terms: what else the losses hold, by the name under which it is reported; see
             :class:`~morlnav.objectives.terms.LossTerm`.
-        return_bounds: keeps targets within what any policy can return, as :class:`ReturnBounds` does, so that no actor
-            can feed on a critic's overestimate; ``None`` leaves them as they are.
 
     Raises:
         ValueError: for missing, contradictory or infinite action bounds, an unknown ``loss_function``, negative noise,
-            ``pessimism`` outside [0, 1], no critic, more critics for the actor than there are, or a list of other than
-            ``num_qvalue_nets`` different critics.
+            no critic, or a list of other than ``num_qvalue_nets`` different critics.
         TypeError: for a term that is no ``LossTerm``.
 
     Examples:
@@ -94,49 +89,38 @@ class MORLTD3Loss(VectorActorCriticLoss):
         action_spec: TensorSpec | None = None,
         bounds: tuple[Tensor | float, Tensor | float] | None = None,
         num_qvalue_nets: int = 2,
-        actor_qvalue_nets: int = 2,
         policy_noise: float = 0.1,
         noise_clip: float = 0.5,
         loss_function: Literal["l2", "l1", "smooth_l1"] = "l2",
-        pessimism: float = 0.5,
         scalarisation: nn.Module | None = None,
         terms: Mapping[str, LossTerm | None] | None = None,
-        return_bounds: nn.Module | None = None,
     ) -> None:
         if loss_function not in LOSS_FUNCTIONS:
             raise ValueError(f"loss_function must be one of {', '.join(LOSS_FUNCTIONS)}, got {loss_function}.")
-        if not 0 <= pessimism <= 1:
-            raise ValueError(f"pessimism must be between 0 and 1, got {pessimism}.")
         check_at_least(1, num_qvalue_nets=num_qvalue_nets)
         check_at_least(0, policy_noise=policy_noise, noise_clip=noise_clip)
-        if not 1 <= actor_qvalue_nets <= num_qvalue_nets:
-            raise ValueError(f"actor_qvalue_nets must be between 1 and {num_qvalue_nets}, got {actor_qvalue_nets}.")
         terms = {name: term for name, term in (terms or {}).items() if term is not None}
         for name, term in terms.items():
             if not isinstance(term, LossTerm):
                 raise TypeError(f"terms must be LossTerms, got {type(term).__name__} for '{name}'.")
         super().__init__(actor_network, qvalue_network, num_qvalue_nets, action_spec, bounds)
-        self.actor_qvalue_nets = actor_qvalue_nets
         self.policy_noise = policy_noise
         self.noise_clip = noise_clip
         self.loss_function = loss_function
-        self.pessimism = pessimism
         self.scalarisation = scalarisation if scalarisation is not None else LinearScalarisation()
         self.terms = nn.ModuleDict(terms)
         for term in terms.values():
             term.attach(self.scalarisation)
-        device = self.min_action.device
-        self.return_bounds = None if return_bounds is None else return_bounds.to(device)
         reported = [f"{name}_{loss}" for name, term in self.terms.items() for loss in term.adds_to]
         self.out_keys = [*self.out_keys, *reported]
 
     def actor_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
-        """Loss of the actor and its metadata; the critics that it climbs get no gradient."""
+        """Loss of the actor and its metadata; the critic that it climbs gets no gradient."""
         acted = self._acted(tensordict)
-        loss = -acted.scalarise(acted.value)
+        loss = -acted.scalarise(acted.values)
         penalties = {f"{name}_actor": t.actor(acted) for name, t in self.terms.items() if "actor" in t.adds_to}
         loss, reports = _add(loss, penalties)
-        return self._reduced(loss, tensordict), {"state_action_value_actor": acted.value.detach(), **reports}
+        return self._reduced(loss, tensordict), {"state_action_value_actor": acted.values.detach(), **reports}
 
     def value_loss(self, tensordict: TensorDictBase) -> tuple[Tensor, dict[str, Tensor]]:
         """Loss of the critics and its metadata; ``td_error`` is ``[num_qvalue_nets, B]``, summed over objectives."""
@@ -164,17 +148,14 @@ class MORLTD3Loss(VectorActorCriticLoss):
         twins = self.values(following.set(self.tensor_keys.action, action), self.target_qvalue_network_params)
         _, weights = self._weigh(following, twins)
         smaller = (weights * twins).sum(-1).argmin(0)[None, ..., None].expand(1, *twins.shape[1:])
-        next_value = twins.mean(0).lerp(twins.gather(0, smaller).squeeze(0), self.pessimism)
-        target = self.bootstrap(tensordict, next_value)
-        if self.return_bounds is not None:
-            target = self.return_bounds(target, self.value_estimator.gamma)
-        return target, next_value
+        next_value = twins.gather(0, smaller).squeeze(0)
+        return self.bootstrap(tensordict, next_value), next_value
 
     def _acted(self, tensordict: TensorDictBase) -> Acted:
-        """The actor's actions, and the critics that it climbs."""
+        """The actor's actions, and the critic that it climbs."""
         acted = self.act(tensordict, self.actor_network_params)
-        critics = self.qvalue_network_params.detach()[: self.actor_qvalue_nets]
-        values = self.values(acted, critics)
+        first = self.qvalue_network_params.detach()[:1]
+        values = self.values(acted, first).squeeze(0)
         return Acted(
             tensordict,
             *self._weigh(tensordict, values),
@@ -182,12 +163,12 @@ class MORLTD3Loss(VectorActorCriticLoss):
             action=acted.get(self.tensor_keys.action),
             low=self.min_action,
             high=self.max_action,
-            value_of=partial(self._values_of, acted, critics),
+            value_of=partial(self._values_of, acted, first),
         )
 
-    def _values_of(self, acted: TensorDictBase, critics: TensorDictBase, actions: Tensor) -> Tensor:
-        """Value vectors ``[k, P, B, m]`` of other actions ``[P, B, A]`` in the same states."""
-        return self.values(acted.expand(actions.shape[:-1]).set(self.tensor_keys.action, actions), critics)
+    def _values_of(self, acted: TensorDictBase, first: TensorDictBase, actions: Tensor) -> Tensor:
+        """Value vectors ``[P, B, m]`` of other actions ``[P, B, A]`` in the same states."""
+        return self.values(acted.expand(actions.shape[:-1]).set(self.tensor_keys.action, actions), first).squeeze(0)
 
     def _weigh(self, tensordict: TensorDictBase, values: Tensor) -> tuple[Tensor, Tensor]:
         """Preferences ``[B, n]`` and their weights ``[B, m]`` of the entries of values ``[..., m]``."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import torch
@@ -14,7 +14,6 @@ from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
 from morlnav.evaluation import Evaluation
 from morlnav.limits import check_at_least
-from morlnav.modules.scalarisation import by_name
 
 
 class PeriodicHook(TrainerHookBase):
@@ -68,40 +67,24 @@ class AnnealDiscount(TrainerHookBase):
 
     Args:
         start: discount at the beginning.
-        end: final discount: one for all, one per entry of the reward, or by the entry's name, where ``default`` serves
-            those that are not named.
+        end: final discount.
         fraction: share of the run over which γ rises.
-        rewards: names of the entries of the reward.
         total_frames: environment steps of the run.
 
     Raises:
-        ValueError: unless ``0 <= start <= end <= 1`` and ``0 <= fraction <= 1``, or if an entry has no discount.
+        ValueError: unless ``0 <= start <= end <= 1`` and ``0 <= fraction <= 1``.
 
     Examples:
         >>> AnnealDiscount.at(0.5, start=0.9, end=0.999)
         0.99
-        >>> AnnealDiscount(0.9, {"default": 0.99, "safe": 0.999}, rewards=["fast", "safe"], total_frames=100).ends
-        [0.99, 0.999]
     """
 
-    def __init__(
-        self,
-        start: float = 0.9,
-        end: float | Sequence[float] | Mapping[str, float] = 0.99,
-        fraction: float = 0.5,
-        *,
-        rewards: Sequence[str],
-        total_frames: int,
-    ) -> None:
-        ends = by_name(end, rewards, "end")
-        self.ends = ends if isinstance(ends, list) else [ends]
-        if not all(0 <= start <= value <= 1 for value in self.ends):
+    def __init__(self, start: float = 0.9, end: float = 0.99, fraction: float = 0.5, *, total_frames: int) -> None:
+        if not 0 <= start <= end <= 1:
             raise ValueError(f"start and end must be discounts, 0 <= start <= end <= 1, got {start} and {end}.")
-        if len(self.ends) not in (1, len(rewards)):
-            raise ValueError(f"end needs one discount, or one for each of {', '.join(rewards)}; got {len(self.ends)}.")
         if not 0 <= fraction <= 1:
             raise ValueError(f"fraction must be between 0 and 1, got {fraction}.")
-        self.start, self.frames = start, int(fraction * total_frames)
+        self.start, self.end, self.frames = start, end, int(fraction * total_frames)
 
     @staticmethod
     def at(progress: float, start: float, end: float) -> float:
@@ -114,14 +97,13 @@ class AnnealDiscount(TrainerHookBase):
     def __call__(self) -> None:
         """Set γ for the coming optimisation steps."""
         progress = self.trainer.collected_frames / self.frames if self.frames else 1.0
-        gamma = self.trainer.loss_module.value_estimator.gamma
-        gamma.copy_(gamma.new_tensor([self.at(progress, self.start, end) for end in self.ends]).reshape(gamma.shape))
+        self.trainer.loss_module.value_estimator.gamma.fill_(self.at(progress, self.start, self.end))
 
     def register(self, trainer: Trainer, name: str = "anneal_discount") -> None:
         """Give the trainer's loss this discount, and register before every round of optimisation steps."""
         self.trainer, loss = trainer, trainer.loss_module
         device = next(loss.parameters()).device
-        loss.make_value_estimator(gamma=self.ends if len(self.ends) > 1 else self.ends[0])
+        loss.make_value_estimator(gamma=self.end)
         loss.value_estimator.to(device)
         trainer.register_op("pre_optim_steps", self)
 

@@ -16,10 +16,10 @@ from typing import Any, Literal
 
 import torch
 from tensordict.nn import TensorDictModule, TensorDictSequential
-from torch import Tensor, nn
+from torch import nn
 from torchrl.collectors import BaseCollector, Collector
 from torchrl.data import ReplayBuffer
-from torchrl.envs import Compose, EnvBase, RewardScaling, Transform, TransformedEnv
+from torchrl.envs import Compose, EnvBase, Transform, TransformedEnv
 from torchrl.record.loggers import Logger
 from torchrl.trainers.trainers import ReplayBufferTrainer, SelectKeys, Trainer, TrainerHookBase
 
@@ -207,7 +207,6 @@ class Training:
         critics = [supply(self.critic, **live).to(env.device) for _ in range(setting(self.loss, "num_qvalue_nets"))]
         policy = TensorDictModule(actor, ["observation", "preference"], ["action"])
         replay = self._make_replay(live)
-        live["reward_bounds"] = _as_learned(live["reward_bounds"], replay)
         loss = self._make_loss(live, policy, critics, {name: reward.clone for name, reward in learned.items()})
         batches = max(1, math.ceil(setting(self.trainer, "total_frames") / self._frames_per_batch(env)))
         noise = self._make_exploration(live, batches).to(env.device)
@@ -368,11 +367,3 @@ class Training:
             )
         check_at_least(0, **{"collector.init_random_frames": setting(self.collector, "init_random_frames")})
         return frames
-
-
-def _as_learned(reward: Tensor, replay: ReplayBuffer) -> Tensor:
-    """Rewards ``[..., m]`` in the unit that replay gives the learner."""
-    for transform in replay._transform:
-        if isinstance(transform, RewardScaling) and ("next", "reward") in transform.in_keys:
-            reward = transform.scale * reward + transform.loc
-    return reward

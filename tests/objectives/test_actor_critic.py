@@ -4,7 +4,7 @@ import copy
 
 import pytest
 import torch
-from small_losses import ACTION, HIGH, LOW, PAPER, STATE, Concatenate, gradients, make_batch, make_loss, networks
+from small_losses import ACTION, HIGH, LOW, STATE, Concatenate, gradients, make_batch, make_loss, networks
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import nn
 from torchrl.data import Bounded, Composite, LazyTensorStorage, TensorDictReplayBuffer
@@ -21,7 +21,7 @@ def test_every_key_can_be_renamed_even_to_nested_ones():
     torch.manual_seed(0)
     names = {"preference": ("wish", "weights"), "action": ("agent", "move"), "value": "q"}
     actor, critics = networks(3, 2, **names)
-    loss = MORLTD3Loss(actor, critics, bounds=(LOW, HIGH), loss_function="l2", **PAPER)
+    loss = MORLTD3Loss(actor, critics, bounds=(LOW, HIGH), loss_function="l2", policy_noise=0.0)
     loss.make_value_estimator(gamma=0.9)
     loss.set_keys(
         preference=("wish", "weights"),
@@ -118,7 +118,7 @@ def test_one_critic_module_is_copied_with_weights_of_its_own():
 def test_the_only_critic_learns_from_its_own_weights_on(wrap):
     actor, (critic, _) = networks(3, 2)
     own = [parameter.detach().clone() for parameter in critic.parameters()]
-    loss = MORLTD3Loss(actor, wrap(critic), bounds=(LOW, HIGH), num_qvalue_nets=1, actor_qvalue_nets=1)
+    loss = MORLTD3Loss(actor, wrap(critic), bounds=(LOW, HIGH), num_qvalue_nets=1)
     loss.make_value_estimator(ValueEstimators.TD0, gamma=0.9)
     learned = list(loss.qvalue_network_params.parameters())
     for weights in (learned, loss.target_qvalue_network_params.values(True, True)):

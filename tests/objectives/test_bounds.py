@@ -1,45 +1,17 @@
-"""Bounds of actions wherever they come in, and of returns."""
+"""Bounds of actions wherever they come in."""
 
 import math
 
 import pytest
 import torch
-from small_losses import HIGH, LOW, make_batch, make_loss
+from small_losses import HIGH, LOW, make_loss
 from tensordict.nn import TensorDictModule
 from torch import nn
 from torchrl.data import Bounded, Unbounded
 
 from morlnav.modules import Actor, EpsilonGreedyNoise, RewardModel, VectorCritic
-from morlnav.objectives import BehaviourCloningLoss, ReturnBounds
+from morlnav.objectives import BehaviourCloningLoss
 from morlnav.objectives.bounds import action_bounds
-
-
-def test_targets_stay_within_what_rewards_can_add_up_to():
-    batch = make_batch()
-    batch["next", "reward"].clamp_(-0.1, 0.1)
-    free, bounded = (
-        make_loss(return_bounds=bounds and ReturnBounds(bounds)).value_loss(batch)[1]["target_value"]
-        for bounds in (None, ([-0.01, -0.1, 0.01], [0.0, 0.1, math.inf]))
-    )
-    low, high = torch.tensor([-0.1, -1.0, 0.0]), torch.tensor([0.0, 1.0, math.inf])  # γ = 0.9: ten steps' worth
-    assert ((free < low) | (free > high)).any(0)[[0, 2]].all()
-    torch.testing.assert_close(bounded, free.clamp(low, high))
-
-
-def test_without_a_discount_only_the_signs_of_rewards_bound_their_sum():
-    loss, batch = make_loss(return_bounds=ReturnBounds((-1.0, 0.0))), make_batch()
-    loss.value_estimator.gamma.fill_(1.0)
-    with torch.no_grad():
-        loss.target_qvalue_network_params.apply_(lambda parameter: parameter.mul_(100))
-    batch["next", "reward"].clamp_(max=0)
-    target = loss.value_loss(batch)[1]["target_value"]
-    assert target.max() == 0
-    assert target.min() < -100
-
-
-def test_a_least_reward_above_the_largest_is_refused():
-    with pytest.raises(ValueError, match=r"reward_bounds must be \(low, high\) with low <= high"):
-        ReturnBounds((1.0, 0.0))
 
 
 def test_the_bounds_of_a_batched_spec_are_those_of_one_action():

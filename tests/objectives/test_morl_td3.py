@@ -48,18 +48,6 @@ def test_the_target_is_one_twins_whole_vector_not_a_minimum_by_entry():
     assert ((following - twins.amin(0)).abs().amax(-1) > 1e-3).any()
 
 
-@pytest.mark.parametrize("pessimism", [0.0, 0.25])
-def test_pessimism_mixes_the_smaller_twin_with_the_mean(pessimism):
-    batch = make_batch()
-    smaller, mixed = (make_loss(pessimism=b).value_loss(batch)[1]["next_state_value"] for b in (1.0, pessimism))
-    inputs = batch["next"].select("observation", "preference")
-    loss = make_loss()
-    action = call(loss, "actor_network", loss.target_actor_network_params, *inputs.values())
-    q = loss.target_qvalue_network_params
-    mean = sum(call(loss, "qvalue_network", q[i], *inputs.values(), action) for i in range(2)) / 2
-    torch.testing.assert_close(mixed, pessimism * smaller + (1 - pessimism) * mean)
-
-
 def test_termination_stops_bootstrapping_and_truncation_does_not():
     loss, batch = make_loss(), make_batch(count=3)
     terminated, done = torch.tensor([[True], [False], [False]]), torch.tensor([[True], [True], [False]])
@@ -119,19 +107,6 @@ def test_the_actor_listens_to_the_first_critic_only():
     with torch.no_grad():
         loss.qvalue_network_params[0].apply_(lambda tensor: tensor.add_(1.0))
     assert loss.actor_loss(batch)[0].item() != before
-
-
-def test_the_actor_may_climb_the_mean_of_both_critics():
-    loss, both, batch = make_loss(), make_loss(actor_qvalue_nets=2), make_batch()
-    other = make_loss()
-    both.load_state_dict(loss.state_dict())
-    other.load_state_dict(loss.state_dict())
-    with torch.no_grad():
-        other.qvalue_network_params.data.copy_(loss.qvalue_network_params.data.flip(0).contiguous())
-    terms = [each.actor_loss(batch)[0] for each in (loss, other, both)]
-    torch.testing.assert_close(terms[2], (terms[0] + terms[1]) / 2)
-    terms[2].backward()
-    assert not gradients(both.qvalue_network_params)
 
 
 # Reductions and weights
@@ -231,8 +206,6 @@ def test_torchrls_own_stepper_and_soft_update_drive_it():
     ("options", "sentence"),
     [
         ({"loss_function": "wrong"}, "loss_function must be one of l2, l1, smooth_l1, got wrong"),
-        ({"pessimism": 1.5}, "pessimism must be between 0 and 1, got 1.5"),
-        ({"actor_qvalue_nets": 3}, "actor_qvalue_nets must be between 1 and 2, got 3"),
     ],
 )
 def test_wrong_arguments_are_named(options, sentence):

@@ -60,7 +60,7 @@ class AngleTerm(LossTerm):
 
     def actor(self, acted: Acted) -> Tensor:
         """``[B]``, of the value that the actor climbs."""
-        return self.coefficients["actor"] * self._angle(acted, acted.value)
+        return self.coefficients["actor"] * self._angle(acted, acted.values)
 
     def critic(self, judged: Judged) -> Tensor:
         """``[k, B]``, of each critic's value."""

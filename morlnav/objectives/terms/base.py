@@ -18,7 +18,7 @@ class Judged:
         batch: what was sampled, ``[B]``.
         preference: λ, ``[B, n]``.
         weights: ``w(λ)``, ``[B, m]``.
-        values: value vectors of ``k`` critics, ``[k, B, m]``.
+        values: value vectors of ``k`` critics, ``[k, B, m]``; of the one that an actor climbs, ``[B, m]``.
     """
 
     batch: TensorDictBase
@@ -38,24 +38,19 @@ class Judged:
 
 @dataclass
 class Acted(Judged):
-    """What the actor would do in the states of a batch, and how the critics that it climbs value that.
+    """What the actor would do in the states of a batch, and how the critic that it climbs values that.
 
     Attributes:
         action: ``π(s, λ)``, ``[B, A]``, with a gradient to the actor, as :attr:`values` have one.
         low: least action, ``[A]`` or one number.
         high: largest action.
-        value_of: values other actions in the same states: ``[P, B, A]`` to ``[k, P, B, m]``.
+        value_of: values other actions in the same states: ``[P, B, A]`` to ``[P, B, m]``.
     """
 
     action: Tensor
     low: Tensor
     high: Tensor
     value_of: Callable[[Tensor], Tensor]
-
-    @property
-    def value(self) -> Tensor:
-        """What the actor climbs, the critics' mean ``[B, m]``."""
-        return self.values.mean(0)
 
     @property
     def half_range(self) -> Tensor:

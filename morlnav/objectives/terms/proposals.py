@@ -1,4 +1,4 @@
-"""Pulls of the actor toward proposed actions, demonstrators' or random ones, as far as the critics do not object."""
+"""Pulls of the actor toward proposed actions, demonstrators' or random ones, as far as the critic does not object."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Guidance(nn.Module):
 
     A learned reward says what a good path is, but a single action changes its return by less than the critic's error:
     the policy gradient alone stops at a path that is good enough. So the actor is drawn toward the clone's action
-    ``a_c(s)``, unless one of the critics sees a loss of more than ``margin`` in it (after the Q-filter of Nair et al.,
+    ``a_c(s)``, unless the critic sees a loss of more than ``margin`` in it (after the Q-filter of Nair et al.,
     ICRA 2018), counted over all objectives but the demonstrated one ``i``: that is the clone's own affair, and would
     outweigh a collision that is still a few steps away::
 
-        c·λ_i^p·1[min_k w₋ᵢᵀ(Q_k(s, a_c, λ) - Q_k(s, π, λ)) ≥ g - margin]·‖(π - a_c) / h‖²,   h = (high - low) / 2
+        c·λ_i^p·1[w₋ᵢᵀ(Q(s, a_c, λ) - Q(s, π, λ)) ≥ g - margin]·‖(π - a_c) / h‖²,   h = (high - low) / 2
 
     Here ``g ≥ 0`` is the gain of the best action that a :class:`Search` has found, if there is one: where something
     clearly better than the actor is known, a clone that is only as good as the actor has nothing to say.
@@ -58,11 +58,11 @@ class Guidance(nn.Module):
 class Search(nn.Module):
     """Random actions, toward which the actor is drawn at every preference where they are clearly better.
 
-    The critics' mean judges them by all objectives. That finds what the gradient cannot: where turning left and right
-    are both better than what lies between, an actor that sits in the poorer mode stays there, however clearly both
-    critics see the other. Of several ``proposals`` the best one pulls, so that those to both sides do not cancel out::
+    The critic judges them by all objectives. That finds what the gradient cannot: where turning left and right are both
+    better than what lies between, an actor that sits in the poorer mode stays there, however clearly the critic sees
+    the other. Of several ``proposals`` the best one pulls, so that those to both sides do not cancel out::
 
-        c·1[wᵀ mean_k(Q_k(s, a, λ) - Q_k(s, π, λ)) ≥ -margin]·‖(π - a) / h‖²,   h = (high - low) / 2
+        c·1[wᵀ(Q(s, a, λ) - Q(s, π, λ)) ≥ -margin]·‖(π - a) / h‖²,   h = (high - low) / 2
 
     Args:
         coefficient: ``c``.
@@ -160,23 +160,23 @@ class Proposals(LossTerm):
 
     @torch.no_grad()
     def _find(self, acted: Acted) -> tuple[Tensor, Tensor]:
-        """The best of the search's actions ``[B, A]``, and the gain ``[B]`` that the critics' mean sees in it."""
+        """The best of the search's actions ``[B, A]``, and the gain ``[B]`` that the critic sees in it."""
         actions = self.search.propose(acted)
-        gain, best = acted.scalarise(_gains(acted, actions).mean(0)).max(0)
+        gain, best = acted.scalarise(_gains(acted, actions)).max(0)
         return actions.take_along_dim(best[None, ..., None], 0).squeeze(0), gain
 
     @torch.no_grad()
     def _ask(self, acted: Acted, name: str, clone: TensorDictModuleBase) -> tuple[Tensor, Tensor]:
-        """A clone's action ``[B, A]``, and the least gain ``[B]`` that a critic sees in it for the other objectives."""
+        """A clone's action ``[B, A]``, and the gain ``[B]`` that the critic sees in it for the other objectives."""
         action = clone(acted.batch.select(*clone.in_keys)).get(clone.out_keys[0])
-        gain = _gains(acted, action.unsqueeze(0)).squeeze(1)
+        gain = _gains(acted, action.unsqueeze(0)).squeeze(0)
         gain[..., acted.num_static + self.entries[name]] = 0  # what was demonstrated needs no judgement
-        return action, acted.scalarise(gain).amin(0)
+        return action, acted.scalarise(gain)
 
 
 def _gains(acted: Acted, actions: Tensor) -> Tensor:
-    """What each critic thinks to be gained by other actions ``[P, B, A]``, ``[k, P, B, m]``."""
-    return acted.value_of(actions) - acted.values.unsqueeze(1)
+    """What the critic thinks to be gained by other actions ``[P, B, A]``, ``[P, B, m]``."""
+    return acted.value_of(actions) - acted.values
 
 
 def _distance(acted: Acted, action: Tensor) -> Tensor:

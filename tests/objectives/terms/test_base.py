@@ -58,8 +58,8 @@ def test_it_may_ask_for_the_values_of_other_actions_and_what_the_policy_was_meas
     class Curious(LossTerm):
         def actor(self, acted):
             own = acted.value_of(acted.action.unsqueeze(0))
-            assert own.shape == (1, 1, 12, 3)
-            torch.testing.assert_close(own.squeeze(1), acted.values)
+            assert own.shape == (1, 12, 3)
+            torch.testing.assert_close(own.squeeze(0), acted.values)
             return torch.zeros(12)
 
     loss = make_loss(terms={"curious": Curious()})

@@ -48,16 +48,11 @@ def no_refinement() -> str:
     return _by_run("seed", _seeds("no_refinement"))
 
 
-def two_styles(folder: str = "two_styles") -> str:
+def two_styles() -> str:
     """A row for each seed of ``recipe=analytical``."""
     head = ["seed", "distance to human", "than shortest path", "all: success", "collision", "timeout"]
     head += [*(f"ρ {name}" for name in STYLES[1:]), "of the front", "excess"]
-    return _table(head, ([seed, *_seed_row(path)] for seed, path in _seeds(folder).items()))
-
-
-def two_objectives() -> str:
-    """The same without the gradient through the world."""
-    return two_styles("two_objectives")
+    return _table(head, ([seed, *_seed_row(path)] for seed, path in _seeds("two_styles").items()))
 
 
 def leave_one_out() -> str:
@@ -73,7 +68,7 @@ def leave_one_out() -> str:
 
 TABLES = {
     "README.md": (styles,),
-    "docs/results.md": (styles, three_styles, worlds, no_refinement, two_styles, two_objectives),
+    "docs/results.md": (styles, three_styles, worlds, no_refinement, two_styles),
     "docs/recipe.md": (leave_one_out,),
 }
 

@@ -151,7 +151,7 @@ def load_fronts(source: Runs) -> pd.DataFrame:
     Arguments and errors are those of :func:`load_episodes`.
 
     Examples:
-        >>> load_fronts("results/two_objectives").groupby("seed")["hypervolume"].first()  # doctest: +SKIP
+        >>> load_fronts("results/three_styles").groupby("seed")["hypervolume"].first()  # doctest: +SKIP
     """
     return _load_evaluation(source, "front")
 

@@ -2,7 +2,7 @@
 
     python -m benchmarks.peers.agents capql --minutes 12
     python -m benchmarks.peers.agents gpi_ls --minutes 12
-    python -m benchmarks.peers.agents compare results/two_objectives/seed_0 results/peers/capql results/peers/gpi_ls
+    python -m benchmarks.peers.agents compare results/two_styles/seed_0 results/peers/capql results/peers/gpi_ls
 
 Both agents are morl-baselines' own, unchanged, with their own defaults but for what SETTINGS says. They get what helps
 our learner: the features that our networks look through, and rewards in the learner's unit. The time is that of one

@@ -15,7 +15,7 @@ from omegaconf import OmegaConf
 
 from morlnav.cli import conf_dir
 from morlnav.runs.config import CONFIG_FILE, load_config, read_yaml
-from morlnav.runs.trust import foreign_targets, targets
+from morlnav.runs.trust import foreign_targets, refusal, targets
 
 IN_HYDRA = ("callbacks", "job_logging", "hydra_logging", "launcher", "sweeper", "job.env_set", "job.chdir")
 TRUST = "if it is your own, add trust=true to the command line"
@@ -163,7 +163,7 @@ def check_training(config: Mapping[str, Any]) -> None:
     if made_up := [target for target in targets(config) if "${" in target]:  # it could turn into another one later
         raise ValueError(f"This run makes up the name of a class by {made_up[0]}; {TRUST}.")
     if foreign := foreign_targets(config):
-        raise ValueError(f"This run uses the foreign {foreign[0]}; {TRUST}.")
+        raise ValueError(refusal(foreign[0], TRUST))
     # Other backends and options of the compiler may name programs.
     backend, options = (config.get(name) or {} for name in ("collector", "compile"))
     if backend.get("backend") not in (None, "direct", "process"):

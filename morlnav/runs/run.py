@@ -14,7 +14,7 @@ from morlnav.config import build, check, plain
 from morlnav.deployment import Policy, load
 from morlnav.evaluation import Evaluation
 from morlnav.runs.config import CONFIG_FILE, load_config
-from morlnav.runs.trust import foreign_targets
+from morlnav.runs.trust import foreign_targets, refusal
 from morlnav.trainers import LearnedReward, Training
 
 OF_THE_COMMAND = ("_recursive_", "threads", "resume", "trust")
@@ -49,9 +49,7 @@ class Run:
         if not isinstance(self.config.get("evaluation"), dict):
             raise ValueError(f"{self.directory / CONFIG_FILE} is damaged: it names no evaluation.")
         if not trust and (foreign := foreign_targets(self.config)):
-            raise ValueError(
-                f"This run uses the foreign {foreign[0]}; if it is your own, trust it (--trust, or trust=True)."
-            )
+            raise ValueError(refusal(foreign[0], "if it is your own, trust it (--trust, or trust=True)"))
         self.config["device"] = "cpu"  # wherever it was trained
         self.config["evaluation"] |= {name: value for name, value in (changes or {}).items() if value is not None}
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 ROOMS = ("data", "evaluation", "modules", "navigation", "objectives", "trainers", "transforms")
+OURS = tuple(f"morlnav.{room}." for room in ROOMS)
 FUNCTIONS = ("morlnav.trainers.linear_decay",)
 LIBRARY = (
     "torchrl.data.LazyTensorStorage",
@@ -46,6 +47,19 @@ def foreign_targets(config: dict[str, Any]) -> list[str]:
     return list(dict.fromkeys([*foreign, *_imported_tasks(rest)]))
 
 
+def refusal(target: str, how: str) -> str:
+    """Why a run that names a foreign target is refused, and how to have it nevertheless.
+
+    >>> refusal("my_parts.Mine", "trust it")
+    'This run uses the foreign my_parts.Mine; trust it.'
+    >>> refusal("morlnav.objectives.Old", "trust it")
+    'This run uses the foreign morlnav.objectives.Old, which this version of morlnav does not have; train it again.'
+    """
+    if target.startswith(OURS) and _ours(target) is None:
+        return f"This run uses the foreign {target}, which this version of morlnav does not have; train it again."
+    return f"This run uses the foreign {target}; {how}."
+
+
 def targets(node: Any) -> Iterator[str]:
     """All that a config names as ``_target_``."""
     return (str(part["_target_"]) for part in _nodes(node))
@@ -58,14 +72,18 @@ def is_known(path: str) -> bool:
     module, _, name = path.rpartition(".")
     if module == "torch.optim":
         return name.isidentifier()
-    if not path.startswith(tuple(f"morlnav.{room}." for room in ROOMS)):
-        return False
+    target = _ours(path) if path.startswith(OURS) else None
+    home = f"{getattr(target, '__module__', '')}."
+    return isinstance(target, type) and home.startswith(OURS) and home != f"{RAY}."
+
+
+def _ours(path: str) -> Any:
+    """What stands at a path in our own modules, or ``None``."""
+    module, _, name = path.rpartition(".")
     try:
-        target = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError):
-        return False
-    home = getattr(target, "__module__", "")
-    return isinstance(target, type) and home.startswith(tuple(f"morlnav.{room}" for room in ROOMS)) and home != RAY
+        return getattr(importlib.import_module(module), name, None)
+    except ImportError:
+        return None
 
 
 def _imported_tasks(node: Any) -> list[str]:

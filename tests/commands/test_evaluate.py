@@ -14,7 +14,7 @@ from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import PymunkWorld, SceneSampler
 from morlnav.runs import Run
 
-RUN = Path(__file__).parents[2] / "results" / "two_objectives" / "seed_0"
+RUN = Path(__file__).parents[2] / "results" / "two_styles" / "seed_0"
 OUT_OF_THE_WAY = [1000.0, 1000.0, 0.1, 0.1, 0.0]  # where a scene has fewer boxes than others of its folder
 
 

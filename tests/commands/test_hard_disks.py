@@ -15,7 +15,7 @@ from morlnav.navigation.demonstrations import record_demonstrations, save_demons
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import SceneSampler
 
-RUN = Path(__file__).parents[2] / "results" / "two_objectives" / "seed_0"
+RUN = Path(__file__).parents[2] / "results" / "two_styles" / "seed_0"
 CHILD = """
 import contextlib, importlib, io, json, sys
 for name, *words in json.loads(sys.argv[1]):

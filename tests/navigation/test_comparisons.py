@@ -17,7 +17,7 @@ from morlnav.navigation.demonstrations import demonstration_settings, load_demon
 from morlnav.navigation.world import Lidar, TensorWorld
 from morlnav.runs import make_training
 
-RUN = Path(__file__).parents[2] / "results" / "two_objectives" / "seed_0"
+RUN = Path(__file__).parents[2] / "results" / "two_styles" / "seed_0"
 SCENES, STYLES = 4, 3
 
 

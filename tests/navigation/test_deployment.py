@@ -174,7 +174,7 @@ class Empty(TensorWorld):
         return observation
 
 
-@pytest.mark.parametrize("run", ["default", "two_objectives/seed_0"])
+@pytest.mark.parametrize("run", ["default", "two_styles/seed_0"])
 def test_a_trained_policy_drives_straight_to_the_goal_when_nobody_is_there(run):
     policy, scenes = morlnav.load(RESULTS / run), evaluation_scenes(40)
     scenes.human = torch.full_like(scenes.human, 1000.0)

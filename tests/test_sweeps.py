@@ -72,7 +72,7 @@ def test_a_sweep_goes_on_where_it_stopped(train_command, tmp_path, capsys):
 
 
 def test_a_value_that_a_later_job_is_refused_for_is_told_before_the_first_one_trains(train_command, tmp_path):
-    told = r"loss\.noise_clip=-7: loss\.noise_clip must be at least 0, got -7\."
+    told = r"loss\.noise_clip=-7: loss\.noise_clip must not be negative, got -7\."
     with pytest.raises(SystemExit, match=told):
         train_command("-m", *SMALL, *SHORT, "loss.noise_clip=0.5,-7")
     assert not any(tmp_path.iterdir())

@@ -220,7 +220,7 @@ def test_an_update_never_waits_for_the_device(accelerator, kind, dtype):
             scalarisation=scalarisation.to(DEVICE),
             terms={"proposals": proposals.to(DEVICE), "angle": angle.to(DEVICE)},
         )
-        loss.make_value_estimator(ValueEstimators.TD0, gamma=0.99)
+        loss.make_value_estimator(ValueEstimators.TD0, gamma=[0.9, 0.99, 0.99])
         relabel = HindsightPreferenceRelabel(UniformPreferences(2), share=0.75, num_relabels=2)
         parameters = [parameter for parameter in loss.parameters() if parameter.requires_grad]
         optimizer, targets = torch.optim.Adam(parameters, capturable=True), SoftUpdate(loss, tau=0.05)

@@ -71,7 +71,7 @@ def test_parts_solve_foreign_problems(execute):
 
 
 @pytest.mark.parametrize(
-    ("run", "sweep"), [("default", "missing"), ("two_styles/seed_0", "two_styles")], ids=["run", "sweep"]
+    ("run", "sweep"), [("two_styles/seed_0", "missing"), ("default", "three_styles")], ids=["run", "sweep"]
 )
 def test_one_run_is_looked_into(run, sweep, execute):
     book = execute("04_one_run", MORLNAV_RUN=RESULTS / run, MORLNAV_SWEEP=RESULTS / sweep)

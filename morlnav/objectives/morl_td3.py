@@ -147,8 +147,8 @@ class MORLTD3Loss(VectorActorCriticLoss):
         action = (action + noise * self.half_range).clamp(self.min_action, self.max_action)
         twins = self.values(following.set(self.tensor_keys.action, action), self.target_qvalue_network_params)
         _, weights = self._weigh(following, twins)
-        smaller = (weights * twins).sum(-1).argmin(0)[None, ..., None].expand(1, *twins.shape[1:])
-        next_value = twins.gather(0, smaller).squeeze(0)
+        smaller = (weights * twins).sum(-1).argmin(0)
+        next_value = twins.take_along_dim(smaller[None, ..., None], 0).squeeze(0)
         return self.bootstrap(tensordict, next_value), next_value
 
     def _acted(self, tensordict: TensorDictBase) -> Acted:

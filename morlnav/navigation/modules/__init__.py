@@ -7,6 +7,7 @@ from morlnav.navigation.modules.features import NavigationFeatures
 
 if TYPE_CHECKING:
     from morlnav.navigation.modules.afterstate import AfterstateFeatures
+    from morlnav.navigation.modules.mirror import MirrorImage
     from morlnav.navigation.modules.noise import WanderingNoise
     from morlnav.navigation.modules.oracle import CircumnavigationOracle, Oracle, Plan
     from morlnav.navigation.modules.passing import PassingOracle, SlowPassingOracle, WaitingOracle
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "AfterstateFeatures": "afterstate",
     "CircumnavigationOracle": "oracle",
+    "MirrorImage": "mirror",
     "Oracle": "oracle",
     "PassingOracle": "passing",
     "Plan": "oracle",
@@ -25,6 +27,7 @@ _HOMES = {
 __all__ = [
     "AfterstateFeatures",
     "CircumnavigationOracle",
+    "MirrorImage",
     "NavigationFeatures",
     "Oracle",
     "PassingOracle",

@@ -45,8 +45,8 @@ class PathwiseRefinement:
     of an action, to which it is squashed, it cannot.
 
     Which of several optima it should lead to, such as the sides of an obstacle, a ``rival`` tells: another driver of
-    the same episodes. Where it earns more, the actor learns on the rival's way, and what the rival did otherwise,
-    ``δ``, counts by the secant ``(J' - J)/‖δ‖·δ/‖δ‖``, shortened to ``clip``, too.
+    the same episodes. Where it earns more (and ends, if the actor does), the actor learns on the rival's way, too,
+    and what the rival did otherwise, ``δ``, counts by the secant ``(J' - J)/‖δ‖·δ/‖δ‖``, shortened to ``clip``.
 
     Args:
         drives: how often all environments drive an episode, after which the actor learns; 0 leaves the policy as it is.
@@ -57,15 +57,16 @@ class PathwiseRefinement:
         schedule: of the learning rate, called with the ``optimizer`` and its ``total_steps``; ``None`` is constant.
         average_decay: of the averaged actor, which is kept, per drive; 0 keeps the actor itself.
         rival: maps the policy, observations and preferences to the actions of another driver, who has half of the
-            environments for the same episodes that the actor drives in the others; ``None`` for none. The environment
-            must take a state then (``env.reset(tensordict, set_state=True)``).
+            environments for the same episodes that the actor drives in the others (which begin by
+            ``env.reset(state, set_state=True)``); ``None`` for none.
         make_env: makes ``make_env(num_envs=...)`` with a gradient.
         scalarisation: maps ``(λ, m)`` to weights.
         seed: of the preferences that are drawn.
         progress_bar: show one.
 
     Raises:
-        ValueError: for numbers below what makes sense, or an environment that has no gradient.
+        ValueError: for numbers below what makes sense, or an environment that has no gradient or, for a rival, does not
+            begin in a given state.
 
     Examples:
         >>> from torchrl.envs import TransformedEnv
@@ -114,7 +115,7 @@ class PathwiseRefinement:
         self.rival = rival
         if drives:
             self.env = make_env(num_envs=num_envs)
-            _check(self.env)
+            self._check()
             space = self.env.action_spec_unbatched.space
             self.low, self.high = space.low, space.high
 
@@ -160,6 +161,24 @@ class PathwiseRefinement:
         if self.schedule is None:
             return optimizer, None
         return optimizer, supply(self.schedule, optimizer=optimizer, total_steps=max(1, self.drives))
+
+    def _check(self) -> None:
+        """Refuse an environment that no derivative leads through, or that begins no episode twice."""
+        env, name = self.env, type(getattr(self.env, "base_env", self.env)).__name__
+        try:
+            begin = self._begin()
+        except NotImplementedError as error:
+            raise ValueError(
+                f"{name} does not begin in a given state (set_state=True), as a rival's episodes do; leave the rival "
+                "out (refinement.rival=null)."
+            ) from error
+        with torch.enable_grad():
+            push = torch.zeros_like(env.action_spec.zero(), requires_grad=True)
+            seen = env.step(begin.set("action", env.action_spec.rand() + push))["next", "observation"]
+        if not seen.requires_grad:
+            raise ValueError(
+                f"{name} has no gradient in the action, which a refinement climbs; leave it out (refinement.drives=0)."
+            )
 
     @torch.enable_grad()
     def _drive(self, actor: nn.Module, gamma: Tensor | float) -> tuple[Tensor, Tensor, Tensor, Tensor, float]:
@@ -215,23 +234,11 @@ class PathwiseRefinement:
         return torch.stack([own, self.rival(actor, observation[1::2], preference[1::2])], 1).flatten(0, 1)
 
     def _gain(self, earned: Tensor, unfinished: Tensor) -> Tensor:
-        """What rivals earned more than the actor in the same episode ``[B]``, if both ended; 0 for the actor itself."""
-        gain = (earned[1::2] - earned[::2]).clamp_min(0) * ~(unfinished[1::2] | unfinished[::2])
+        """What rivals earned more than the actor ``[B]``, 0 for the actor itself; to stay away is no way to arrive."""
+        stayed = unfinished[1::2] & ~unfinished[::2]
+        gain = (earned[1::2] - earned[::2]).clamp_min(0) * ~stayed
         return torch.stack([torch.zeros_like(gain), gain], -1).flatten()
 
     def _shortened(self, gradient: Tensor, norm: Tensor) -> Tensor:
         """Gradients ``[H, B, A]`` of episodes, those whose norm ``[B]`` is above ``clip`` with that norm."""
         return gradient * (self.clip / norm.clamp_min(self.clip)).unsqueeze(-1)
-
-
-def _check(env: EnvBase) -> None:
-    """Refuse an environment through which no derivative leads."""
-    begin = env.reset()
-    with torch.enable_grad():
-        push = torch.zeros_like(env.action_spec.zero(), requires_grad=True)
-        seen = env.step(begin.set("action", env.action_spec.rand() + push))["next", "observation"]
-    if not seen.requires_grad:
-        name = type(getattr(env, "base_env", env)).__name__
-        raise ValueError(
-            f"{name} has no gradient in the action, which a refinement climbs; leave it out (refinement.drives=0)."
-        )

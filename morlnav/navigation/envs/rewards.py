@@ -68,7 +68,7 @@ class Objective(Protocol):
     is refused at that step, by the objective's name.
 
     A method ``bounds(reach)`` may give its least and largest reward in a step that leads ``reach`` metres far at most;
-    Gymnasium's ``reward_space`` is made of them, and the learner's targets stay within what they add up to.
+    Gymnasium's ``reward_space`` is made of them.
     """
 
     def __call__(self, transition: Transition) -> Tensor:

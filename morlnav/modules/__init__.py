@@ -11,12 +11,14 @@ if TYPE_CHECKING:
     from morlnav.modules.held_noise import HeldNoise
     from morlnav.modules.interpolator import PreferenceInterpolator
     from morlnav.modules.noise import EpsilonGreedyNoise, PartlyGreedyNoise
+    from morlnav.modules.rival import Rival
 
 _HOMES = {
     "EpsilonGreedyNoise": "noise",
     "HeldNoise": "held_noise",
     "PartlyGreedyNoise": "noise",
     "PreferenceInterpolator": "interpolator",
+    "Rival": "rival",
 }
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "PreferenceInterpolator",
     "RewardEnsemble",
     "RewardModel",
+    "Rival",
     "VectorCritic",
     "load_module",
     "load_weights",

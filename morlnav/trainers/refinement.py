@@ -17,6 +17,7 @@ from torchrl.record.loggers import Logger
 from tqdm import trange
 
 from morlnav.config import Part, supply
+from morlnav.modules import Rival
 from morlnav.trainers.stepper import linear_decay
 
 LEFT = 0.05
@@ -56,9 +57,8 @@ class PathwiseRefinement:
         optimizer: of the actor, called with its ``params``.
         schedule: of the learning rate, called with the ``optimizer`` and its ``total_steps``; ``None`` is constant.
         average_decay: of the averaged actor, which is kept, per drive; 0 keeps the actor itself.
-        rival: maps the policy, observations and preferences to the actions of another driver, who has half of the
-            environments for the same episodes that the actor drives in the others (which begin by
-            ``env.reset(state, set_state=True)``); ``None`` for none.
+        rival: another driver, who has half of the environments for the same episodes that the actor drives in the
+            others (which begin by ``env.reset(state, set_state=True)``); ``None`` for none.
         make_env: makes ``make_env(num_envs=...)`` with a gradient.
         scalarisation: maps ``(λ, m)`` to weights.
         seed: of the preferences that are drawn.
@@ -93,7 +93,7 @@ class PathwiseRefinement:
         optimizer: Part[optim.Optimizer] = partial(optim.Adam, lr=5e-4, betas=(0.9, 0.99)),  # noqa: B008
         schedule: Part[LRScheduler] | None = linear_decay,
         average_decay: float = 0.95,
-        rival: Callable[..., Tensor] | None = None,
+        rival: Rival | None = None,
         *,
         make_env: Callable[..., EnvBase],
         scalarisation: nn.Module,
@@ -170,7 +170,7 @@ class PathwiseRefinement:
         except NotImplementedError as error:
             raise ValueError(
                 f"{name} does not begin in a given state (set_state=True), as a rival's episodes do; leave the rival "
-                "out (refinement.rival=null)."
+                "out (rival=null)."
             ) from error
         with torch.enable_grad():
             push = torch.zeros_like(env.action_spec.zero(), requires_grad=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
 from torch import Tensor
 
+from morlnav.modules.rival import Policy, Rival
 
-class MirrorImage:
+
+class MirrorImage(Rival):
     """The mirror image of a driver, who passes on the left what the driver passes on the right.
 
     Robot and sensors are symmetric: what the driver would do in the mirrored scene, mirrored, is as good a drive in the
@@ -17,6 +17,7 @@ class MirrorImage:
     Args:
         observe_human: whether observations hold the human's distance and bearing.
         sectors: number of lidar sectors, the first of which begins straight ahead.
+        share: of the environments that it drives while frames are collected.
 
     Examples:
         >>> def to_the_goal(observation, preference):
@@ -27,11 +28,12 @@ class MirrorImage:
         True
     """
 
-    def __init__(self, observe_human: bool = True, sectors: int = 30) -> None:
+    def __init__(self, observe_human: bool = True, sectors: int = 30, share: float = 0.25) -> None:
+        super().__init__(share)
         self.sign = torch.tensor([1.0, -1.0] * (1 + observe_human) + [1.0] * sectors)
         self.sectors = sectors
 
-    def __call__(self, policy: Callable[[Tensor, Tensor], Tensor], observation: Tensor, preference: Tensor) -> Tensor:
+    def __call__(self, policy: Policy, observation: Tensor, preference: Tensor) -> Tensor:
         """Actions ``[..., 2]`` of a policy's mirror image.
 
         Args:

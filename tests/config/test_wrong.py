@@ -115,6 +115,8 @@ rewards.clone.fit.patience=0                        | rewards.clone.fit.patience
 rewards.ranking.snippet=-1                          | rewards.ranking.snippet must be at least 1
 rewards.ranking.snippet=0                           | rewards.ranking.snippet must be at least 1
 rewards.ranking.snippet=100000                      | rewards.ranking.snippet and burn_in must be at most the 250 steps
+rival.share=1.5                                     | rival.share must be between 0 and 1, got 1.5
+rival._target_=morlnav.modules.Rival                | Can't instantiate abstract class Rival
 rewards.ranking.burn_in=-1                          | rewards.ranking.burn_in must not be negative, got -1
 rewards.ranking.burn_in=246                         | snippet and burn_in must be at most the 250 steps of an episode
 rewards.ranking.snippet=null                        | Whole roll-outs (snippet=null) have no burn-in; set burn_in=0

@@ -63,6 +63,7 @@ LIVE = {
     "policy",
     "exploration",
     "evaluation",
+    "rival",
     "total_frames",
     "demonstrators",
     "scalarisation",

@@ -1,4 +1,4 @@
-"""Another driver of some of the episodes that a policy learns from."""
+"""Another driver of some episodes, from whose way an actor learns."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Policy = Callable[[Tensor, Tensor], Tensor]
 
 
 class Rival(ABC):
-    """Another driver of some episodes that a policy learns from, such as its own mirror image.
+    """Another driver of some episodes, such as a policy's own mirror image.
 
     A policy that has found one of several ways, such as a side to pass on, drives it ever after, so that what is
     collected, and with it the critics, knows no other. A rival shows others.

@@ -58,7 +58,8 @@ class Training:
         loss: both losses, with their terms.
         stepper: optimizers, schedules, targets and the averaged actor.
         exploration: noise on the actions that are collected.
-        rival: another driver of some of the environments that frames are collected in; ``None`` for none.
+        rival: another driver of some of the environments, while frames are collected and in the refinement; ``None``
+            for none.
         replay: the buffer, with its transforms.
         collector: drives the environments.
         trainer: TorchRL's ``Trainer``, and how long it trains.
@@ -215,10 +216,8 @@ class Training:
         noise = self._make_exploration(live, batches).to(env.device)
         updates = max(1, batches * setting(self.trainer, "optim_steps_per_batch"))
         stepper = supply(self.stepper, **live, loss=loss, actor=actor, total_updates=updates)
-        driver = policy
-        if self.rival is not None:
-            beside = supply(self.rival, **live).beside(actor)
-            driver = TensorDictModule(beside, policy.in_keys, policy.out_keys)
+        rival = self._make_rival(live)
+        driver = policy if rival is None else TensorDictModule(rival.beside(actor), policy.in_keys, policy.out_keys)
         collector = make_collector(  # last, for an error after it would leave its workers behind
             self.collector, make_env, TensorDictSequential(driver, noise), env=env, seed=self.seed, device=self.device
         )
@@ -291,7 +290,9 @@ class Training:
         """What refines a policy that learned with these rewards; ``None`` where the config has nothing."""
         if self.refinement is None:
             return None
-        return supply(self.refinement, **self._live_after(learned), progress_bar=setting(self.trainer, "progress_bar"))
+        live = self._live_after(learned)
+        live |= {"rival": self._make_rival(live), "progress_bar": setting(self.trainer, "progress_bar")}
+        return supply(self.refinement, **live)
 
     def finish(self, trainer: Trainer, learned: Mapping[str, LearnedReward] | None = None) -> nn.Module:
         """The policy of a trainer that has finished: its averaged actor, refined where the config says so.
@@ -354,6 +355,9 @@ class Training:
         )
         hasten(loss, product_dtype(self.products, torch.device(self.device)), self.compile)
         return loss.to(self.device)
+
+    def _make_rival(self, live: Mapping[str, Any]) -> Rival | None:
+        return None if self.rival is None else supply(self.rival, **live)
 
     def _make_exploration(self, live: Mapping[str, Any], batches: int) -> nn.Module:
         space = live["action_spec"].space

@@ -48,11 +48,6 @@ def no_refinement() -> str:
     return _by_run("seed", _seeds("no_refinement"))
 
 
-def no_rival() -> str:
-    """The same seeds without a rival."""
-    return _by_run("seed", _seeds("no_rival"))
-
-
 def two_styles() -> str:
     """A row for each seed of ``recipe=analytical``."""
     head = ["seed", "distance to human", "than shortest path", "all: success", "collision", "timeout"]
@@ -74,7 +69,7 @@ def leave_one_out() -> str:
 TABLES = {
     "README.md": (styles,),
     "docs/results.md": (styles, three_styles, worlds, no_refinement, two_styles),
-    "docs/recipe.md": (leave_one_out, no_rival),
+    "docs/recipe.md": (leave_one_out,),
 }
 
 

@@ -149,7 +149,7 @@ class Ranking:
         levels: Sequence[float] = (0.0, 0.06, 0.12, 0.18, 0.24, 0.3, 0.36, 0.42, 0.48, 0.54, 0.6),
         episodes: int = 200,
         snippet: int | None = 5,
-        burn_in: int = 10,
+        burn_in: int = 20,
         aggregate: Literal["mean", "sum"] = "mean",
         temperature: float = 10.0,
         batch_size: int = 160,

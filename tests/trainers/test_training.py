@@ -297,7 +297,8 @@ def test_stored_rewards_are_raw_and_the_learners_are_scaled(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "driven"), [((), [3, 7, 11, 15]), (("rival.share=0.5",), [*range(1, 16, 2)]), (("rival=null",), [])]
+    ("overrides", "driven"),
+    [(["rival=mirror"], [3, 7, 11, 15]), (["rival=mirror", "rival.share=0.5"], [*range(1, 16, 2)]), ([], [])],
 )
 def test_a_rival_drives_some_of_the_environments(overrides, driven, tmp_path):
     trainer = trainer_for(configure(*BRIEF, *overrides), tmp_path)

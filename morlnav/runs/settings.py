@@ -53,7 +53,8 @@ class Settings:
         """What the config says otherwise than that of the run in the directory, as ``seed: 0 then, 5 now``.
 
         Args:
-            counts: which keys to compare; what no result depends on never counts.
+            counts: which keys to compare; what no result depends on never counts, nor does a part that one of both
+                does not know and the other leaves out.
         """
         if not (self.directory / CONFIG_FILE).is_file():
             return []
@@ -62,7 +63,7 @@ class Settings:
         return [
             f"{key}: {began.get(key, 'nothing')} then, {now.get(key, 'nothing')} now"
             for key in dict.fromkeys([*now, *began])
-            if began.get(key, "nothing") != now.get(key, "nothing") and key not in NO_RESULT_DEPENDS_ON and counts(key)
+            if began.get(key) != now.get(key) and key not in NO_RESULT_DEPENDS_ON and counts(key)
         ]
 
     def finish(self, frames: int) -> None:

@@ -169,8 +169,8 @@ class PathwiseRefinement:
             begin = self._begin()
         except NotImplementedError as error:
             raise ValueError(
-                f"{name} does not begin in a given state (set_state=True), as a rival's episodes do; leave the rival "
-                "out (rival=null)."
+                f"{name} does not begin in a given state (set_state=True), as a rival's episodes do; train "
+                "without the rival."
             ) from error
         with torch.enable_grad():
             push = torch.zeros_like(env.action_spec.zero(), requires_grad=True)
@@ -214,12 +214,8 @@ class PathwiseRefinement:
             size = other.square().sum((0, -1)).sqrt().clamp_min(SMALL)
             gradient = gradient + self._shortened(other * (gain / size.square()).unsqueeze(-1), gain / size)
             running[:, 1::2] &= gain[1::2] > 0
-        return seen, preference, gradient / half, running, earned[:: self._stride].mean().item()
-
-    @property
-    def _stride(self) -> int:
-        """Environments that drive the same episode, of which the first is the actor's."""
-        return 1 if self.rival is None else 2
+            earned = earned[::2]
+        return seen, preference, gradient / half, running, earned.mean().item()
 
     def _begin(self) -> TensorDictBase:
         now = self.env.reset()

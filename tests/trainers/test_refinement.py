@@ -216,7 +216,7 @@ def test_a_rival_needs_environments_in_pairs_that_take_a_state():
     def make_forgetful(num_envs):
         return TransformedEnv(Forgetful(num_envs=num_envs), DrawPreference(FixedPreferences([0.5, 0.5])))
 
-    with pytest.raises(ValueError, match=r"Forgetful does not begin in a given state .*\(rival=null\)"):
+    with pytest.raises(ValueError, match=r"Forgetful does not begin in a given state .*; train without the rival\."):
         make_refinement(make_forgetful, rival=MirrorImage())
 
 

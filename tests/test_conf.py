@@ -63,7 +63,6 @@ LIVE = {
     "policy",
     "exploration",
     "evaluation",
-    "rival",
     "total_frames",
     "demonstrators",
     "scalarisation",

@@ -39,13 +39,7 @@ from morlnav.modules import (
     round_products,
 )
 from morlnav.navigation.envs import NavigationEnv
-from morlnav.navigation.modules import (
-    AfterstateFeatures,
-    CircumnavigationOracle,
-    MirrorImage,
-    NavigationFeatures,
-    WanderingNoise,
-)
+from morlnav.navigation.modules import AfterstateFeatures, CircumnavigationOracle, NavigationFeatures, WanderingNoise
 from morlnav.navigation.world import Scene, SceneSampler, TensorWorld
 from morlnav.objectives import (
     AngleTerm,
@@ -56,7 +50,7 @@ from morlnav.objectives import (
     Proposals,
     Search,
 )
-from morlnav.trainers import PathwiseRefinement
+from morlnav.trainers import PathwiseRefinement, refinement
 from morlnav.transforms import DemonstrationReward, DrawPreference, HindsightPreferenceRelabel
 
 DEVICE = torch.device("cuda:0")
@@ -242,18 +236,17 @@ def test_an_update_never_waits_for_the_device(accelerator, kind, dtype):
         targets.step()
 
 
-@pytest.mark.parametrize("rival", [None, MirrorImage()])
-def test_a_refinement_stays_on_the_device(rival, accelerator, monkeypatch):
+def test_a_refinement_stays_on_the_device(accelerator, monkeypatch):
     def prefer(num_envs):
         return TransformedEnv(make_env(num_envs=num_envs), DrawPreference(UniformPreferences(2)))
 
     actor = make_actor(2)
     with accelerator, answers():
         actor.to(DEVICE)
-        monkeypatch.setattr(PathwiseRefinement, "_check", lambda self: None)  # autograd wants a real device
+        monkeypatch.setattr(refinement, "_check", lambda env: None)  # autograd wants a real device
         monkeypatch.setattr(torch.autograd, "grad", lambda value, pushes: [torch.rand_like(push) for push in pushes])
         stage = PathwiseRefinement(
-            num_envs=4, make_env=prefer, scalarisation=LinearScalarisation().to(DEVICE), horizon=2, rival=rival
+            num_envs=3, make_env=prefer, scalarisation=LinearScalarisation().to(DEVICE), horizon=2
         )
         found = stage._drive(actor, torch.ones(3, device=DEVICE))[:3]
     assert {entry.device for entry in found} == {DEVICE}

@@ -11,14 +11,12 @@ if TYPE_CHECKING:
     from morlnav.modules.held_noise import HeldNoise
     from morlnav.modules.interpolator import PreferenceInterpolator
     from morlnav.modules.noise import EpsilonGreedyNoise, PartlyGreedyNoise
-    from morlnav.modules.rival import Rival
 
 _HOMES = {
     "EpsilonGreedyNoise": "noise",
     "HeldNoise": "held_noise",
     "PartlyGreedyNoise": "noise",
     "PreferenceInterpolator": "interpolator",
-    "Rival": "rival",
 }
 
 __all__ = [
@@ -32,7 +30,6 @@ __all__ = [
     "PreferenceInterpolator",
     "RewardEnsemble",
     "RewardModel",
-    "Rival",
     "VectorCritic",
     "load_module",
     "load_weights",

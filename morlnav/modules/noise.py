@@ -13,7 +13,6 @@ from torchrl.modules import AdditiveGaussianModule
 
 from morlnav.limits import check_at_least
 from morlnav.modules.networks import ActionBounds
-from morlnav.modules.rival import spread
 
 
 class PartlyGreedyNoise(AdditiveGaussianModule):
@@ -75,8 +74,9 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
         tensordict = super().forward(tensordict)
         if not self.greedy or clean.ndim < 2:
             return tensordict
-        greedy = spread(self.greedy, clean.shape[-2], clean.device).unsqueeze(-1)
-        return tensordict.set(self.action_key, torch.where(greedy, clean, tensordict.get(self.action_key)))
+        count = (self.greedy * torch.arange(clean.shape[-2] + 1, device=clean.device)).floor().diff()
+        noisy = tensordict.get(self.action_key)
+        return tensordict.set(self.action_key, torch.where(count.bool().unsqueeze(-1), clean, noisy))
 
 
 class EpsilonGreedyNoise(ActionBounds):

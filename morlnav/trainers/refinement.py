@@ -7,7 +7,6 @@ from copy import deepcopy
 from functools import partial
 
 import torch
-from tensordict import TensorDictBase
 from torch import Tensor, nn, optim
 from torch.optim.lr_scheduler import LRScheduler
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -17,13 +16,10 @@ from torchrl.record.loggers import Logger
 from tqdm import trange
 
 from morlnav.config import Part, supply
-from morlnav.modules import Rival
 from morlnav.trainers.stepper import linear_decay
 
 LEFT = 0.05
 """Share of the episodes of a drive that may be unfinished at its end."""
-SMALL = 1e-3
-"""Half ranges of an action by which a rival differs at least."""
 
 
 class PathwiseRefinement:
@@ -45,10 +41,6 @@ class PathwiseRefinement:
     the gradient of one episode is therefore shortened to ``clip``, as far as the actor can follow it: near the bounds
     of an action, to which it is squashed, it cannot.
 
-    Which of several optima it should lead to, such as the sides of an obstacle, a ``rival`` tells: another driver of
-    the same episodes. Where it earns more (and ends, if the actor does), the actor learns on the rival's way, too,
-    and what the rival did otherwise, ``δ``, counts by the secant ``(J' - J)/‖δ‖·δ/‖δ‖``, shortened to ``clip``.
-
     Args:
         drives: how often all environments drive an episode, after which the actor learns; 0 leaves the policy as it is.
         num_envs: environments side by side.
@@ -57,16 +49,13 @@ class PathwiseRefinement:
         optimizer: of the actor, called with its ``params``.
         schedule: of the learning rate, called with the ``optimizer`` and its ``total_steps``; ``None`` is constant.
         average_decay: of the averaged actor, which is kept, per drive; 0 keeps the actor itself.
-        rival: another driver, who has half of the environments for the same episodes that the actor drives in the
-            others (which begin by ``env.reset(state, set_state=True)``); ``None`` for none.
         make_env: makes ``make_env(num_envs=...)`` with a gradient.
         scalarisation: maps ``(λ, m)`` to weights.
         seed: of the preferences that are drawn.
         progress_bar: show one.
 
     Raises:
-        ValueError: for numbers below what makes sense, or an environment that has no gradient or, for a rival, does not
-            begin in a given state.
+        ValueError: for numbers below what makes sense, or an environment that has no gradient.
 
     Examples:
         >>> from torchrl.envs import TransformedEnv
@@ -93,7 +82,6 @@ class PathwiseRefinement:
         optimizer: Part[optim.Optimizer] = partial(optim.Adam, lr=5e-4, betas=(0.9, 0.99)),  # noqa: B008
         schedule: Part[LRScheduler] | None = linear_decay,
         average_decay: float = 0.95,
-        rival: Rival | None = None,
         *,
         make_env: Callable[..., EnvBase],
         scalarisation: nn.Module,
@@ -103,8 +91,6 @@ class PathwiseRefinement:
         for name, value, least in (("drives", drives, 0), ("num_envs", num_envs, 1), ("horizon", horizon, 1)):
             if value < least:
                 raise ValueError(f"{name} must be at least {least}, got {value}.")
-        if rival is not None and num_envs % 2:
-            raise ValueError(f"num_envs must be even for an actor and its rival, got {num_envs}.")
         if not clip > 0:
             raise ValueError(f"clip must be positive, got {clip}.")
         if not 0 <= average_decay < 1:
@@ -112,10 +98,9 @@ class PathwiseRefinement:
         self.drives, self.clip, self.average_decay = drives, clip, average_decay
         self.horizon, self.optimizer, self.schedule = horizon, optimizer, schedule
         self.scalarisation, self.seed, self.progress_bar = scalarisation, seed, progress_bar
-        self.rival = rival
         if drives:
             self.env = make_env(num_envs=num_envs)
-            self._check()
+            _check(self.env)
             space = self.env.action_spec_unbatched.space
             self.low, self.high = space.low, space.high
 
@@ -162,35 +147,17 @@ class PathwiseRefinement:
             return optimizer, None
         return optimizer, supply(self.schedule, optimizer=optimizer, total_steps=max(1, self.drives))
 
-    def _check(self) -> None:
-        """Refuse an environment that no derivative leads through, or that begins no episode twice."""
-        env, name = self.env, type(getattr(self.env, "base_env", self.env)).__name__
-        try:
-            begin = self._begin()
-        except NotImplementedError as error:
-            raise ValueError(
-                f"{name} does not begin in a given state (set_state=True), as a rival's episodes do; train "
-                "without the rival."
-            ) from error
-        with torch.enable_grad():
-            push = torch.zeros_like(env.action_spec.zero(), requires_grad=True)
-            seen = env.step(begin.set("action", env.action_spec.rand() + push))["next", "observation"]
-        if not seen.requires_grad:
-            raise ValueError(
-                f"{name} has no gradient in the action, which a refinement climbs; leave it out (refinement.drives=0)."
-            )
-
     @torch.enable_grad()
     def _drive(self, actor: nn.Module, gamma: Tensor | float) -> tuple[Tensor, Tensor, Tensor, Tensor, float]:
         """An episode in each environment: states ``[H, B]``, what a push there would gain, and what counts of them."""
         env, half = self.env, (self.high - self.low) / 2
-        now = self._begin()
+        now = env.reset()
         preference, alive = now["preference"], now["done"].logical_not()
-        states, running, pushes, actions, gained, discount = [], [], [], [], 0.0, 1.0
+        states, running, pushes, reach, gained, discount = [], [], [], [], 0.0, 1.0
         for _ in range(self.horizon):
             push = torch.zeros_like(env.action_spec.zero(), requires_grad=True)  # nothing, but for its derivative
-            action = (self._act(actor, now["observation"], preference) + push).clamp(self.low, self.high)
-            actions.append(action.detach())
+            action = (actor(now["observation"], preference) + push).clamp(self.low, self.high)
+            reach.append(1 - ((action.detach() - self.low) / half - 1).square())  # of what is squashed to the bounds
             states.append(now["observation"].detach())
             running.append(alive.squeeze(-1))
             pushes.append(push)
@@ -203,38 +170,20 @@ class PathwiseRefinement:
                 break
         earned = (self.scalarisation(preference, gained.shape[-1]) * gained).sum(-1)
         gradient = torch.stack(torch.autograd.grad(earned.sum(), pushes)).nan_to_num(0.0, 0.0, 0.0) * half
-        seen, taken, running = torch.stack(states), torch.stack(actions), torch.stack(running)
-        preference = preference.expand(len(seen), -1, -1)
-        reach = 1 - ((taken - self.low) / half - 1).square()  # of what is squashed to the bounds
-        gradient = self._shortened(gradient, (gradient * reach).square().sum((0, -1)).sqrt())
-        if self.rival is not None:
-            gain = self._gain(earned.detach(), alive.squeeze(-1))
-            with torch.no_grad():
-                other = (taken - actor(seen, preference)) / half * running.unsqueeze(-1)
-            size = other.square().sum((0, -1)).sqrt().clamp_min(SMALL)
-            gradient = gradient + self._shortened(other * (gain / size.square()).unsqueeze(-1), gain / size)
-            running[:, 1::2] &= gain[1::2] > 0
-            earned = earned[::2]
-        return seen, preference, gradient / half, running, earned.mean().item()
+        norm = (gradient * torch.stack(reach)).square().sum((0, -1), keepdim=True).sqrt()
+        gradient = gradient * (self.clip / norm.clamp_min(self.clip)) / half
+        seen = torch.stack(states)
+        return seen, preference.expand(len(seen), -1, -1), gradient, torch.stack(running), earned.mean().item()
 
-    def _begin(self) -> TensorDictBase:
-        now = self.env.reset()
-        if self.rival is None:
-            return now
-        return self.env.reset(now[::2].repeat_interleave(2), set_state=True)
 
-    def _act(self, actor: nn.Module, observation: Tensor, preference: Tensor) -> Tensor:
-        if self.rival is None:
-            return actor(observation, preference)
-        own = actor(observation[::2], preference[::2])
-        return torch.stack([own, self.rival(actor, observation[1::2], preference[1::2])], 1).flatten(0, 1)
-
-    def _gain(self, earned: Tensor, unfinished: Tensor) -> Tensor:
-        """What rivals earned more than the actor ``[B]``, 0 for the actor itself; to stay away is no way to arrive."""
-        stayed = unfinished[1::2] & ~unfinished[::2]
-        gain = (earned[1::2] - earned[::2]).clamp_min(0) * ~stayed
-        return torch.stack([torch.zeros_like(gain), gain], -1).flatten()
-
-    def _shortened(self, gradient: Tensor, norm: Tensor) -> Tensor:
-        """Gradients ``[H, B, A]`` of episodes, those whose norm ``[B]`` is above ``clip`` with that norm."""
-        return gradient * (self.clip / norm.clamp_min(self.clip)).unsqueeze(-1)
+def _check(env: EnvBase) -> None:
+    """Refuse an environment through which no derivative leads."""
+    begin = env.reset()
+    with torch.enable_grad():
+        push = torch.zeros_like(env.action_spec.zero(), requires_grad=True)
+        seen = env.step(begin.set("action", env.action_spec.rand() + push))["next", "observation"]
+    if not seen.requires_grad:
+        name = type(getattr(env, "base_env", env)).__name__
+        raise ValueError(
+            f"{name} has no gradient in the action, which a refinement climbs; leave it out (refinement.drives=0)."
+        )

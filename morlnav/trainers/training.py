@@ -27,7 +27,6 @@ from morlnav.config import Part, as_part, build, check, setting, supply, takes
 from morlnav.data import FixedPreferences, PreferenceSampler
 from morlnav.evaluation import Evaluation, eval_env
 from morlnav.limits import check_at_least
-from morlnav.modules import Rival
 from morlnav.objectives import MORLTD3Loss
 from morlnav.sentences import first_line
 from morlnav.trainers.collectors import RolloutState, make_collector, num_workers, share_of
@@ -58,8 +57,6 @@ class Training:
         loss: both losses, with their terms.
         stepper: optimizers, schedules, targets and the averaged actor.
         exploration: noise on the actions that are collected.
-        rival: another driver of some of the environments, while frames are collected and in the refinement; ``None``
-            for none.
         replay: the buffer, with its transforms.
         collector: drives the environments.
         trainer: TorchRL's ``Trainer``, and how long it trains.
@@ -94,7 +91,6 @@ class Training:
         trainer: Part[Trainer],
         evaluation: Part[Evaluation],
         hooks: Mapping[str, Part[TrainerHookBase] | None] | None = None,
-        rival: Part[Rival] | None = None,
         refinement: Part[PathwiseRefinement] | None = None,
         rewards: Part[DREX] | None = None,
         logger: Part[Logger] | None = None,
@@ -216,10 +212,8 @@ class Training:
         noise = self._make_exploration(live, batches).to(env.device)
         updates = max(1, batches * setting(self.trainer, "optim_steps_per_batch"))
         stepper = supply(self.stepper, **live, loss=loss, actor=actor, total_updates=updates)
-        rival = self._make_rival(live)
-        driver = policy if rival is None else TensorDictModule(rival.beside(actor), policy.in_keys, policy.out_keys)
         collector = make_collector(  # last, for an error after it would leave its workers behind
-            self.collector, make_env, TensorDictSequential(driver, noise), env=env, seed=self.seed, device=self.device
+            self.collector, make_env, TensorDictSequential(policy, noise), env=env, seed=self.seed, device=self.device
         )
         components = {"average": stepper.average}
         if not num_workers(self.collector) and RolloutState.can_hold(env):
@@ -290,9 +284,7 @@ class Training:
         """What refines a policy that learned with these rewards; ``None`` where the config has nothing."""
         if self.refinement is None:
             return None
-        live = self._live_after(learned)
-        live |= {"rival": self._make_rival(live), "progress_bar": setting(self.trainer, "progress_bar")}
-        return supply(self.refinement, **live)
+        return supply(self.refinement, **self._live_after(learned), progress_bar=setting(self.trainer, "progress_bar"))
 
     def finish(self, trainer: Trainer, learned: Mapping[str, LearnedReward] | None = None) -> nn.Module:
         """The policy of a trainer that has finished: its averaged actor, refined where the config says so.
@@ -355,9 +347,6 @@ class Training:
         )
         hasten(loss, product_dtype(self.products, torch.device(self.device)), self.compile)
         return loss.to(self.device)
-
-    def _make_rival(self, live: Mapping[str, Any]) -> Rival | None:
-        return None if self.rival is None else supply(self.rival, **live)
 
     def _make_exploration(self, live: Mapping[str, Any], batches: int) -> nn.Module:
         space = live["action_spec"].space

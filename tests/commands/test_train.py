@@ -152,7 +152,7 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_to_the_same_policy(smoke_
     changed = r"loss.policy_noise: 0.7 then, 0.1 now; loss.terms.proposals.search.*: nothing then"
     with pytest.raises(SystemExit, match=changed):
         train_command(f"resume={directory}")
-    del began.rival  # of a version that knew no such part, which is none now
+    del began.compile  # of a version that knew no such part, which is none now
     OmegaConf.save(began, directory / "config.yaml")
 
     versions = json.loads((directory / "versions.json").read_text())

@@ -254,9 +254,6 @@ env=own env._target_=nobody.Here                    | env._target_: there is no 
 ablation=foo                                        | There is no ablation/foo
 world=pymunk env.world.lidar.sectors=0              | env.world.lidar: 0 sectors must divide
 evaluation=front evaluation.episodes=0              | evaluation.episodes must be at least 1
-rival=mirror rival.share=1.5                        | rival.share must be between 0 and 1, got 1.5
-rival=mirror rival._target_=morlnav.modules.Rival   | rival: Can't instantiate abstract class Rival
-rival=mirror refinement.num_envs=7                  | refinement.num_envs must be even for an actor and its rival
 refinement=pathwies                                 | There is no refinement/pathwies; did you mean pathwise?
 ranking=compared                                    | rewards.ranking.comparisons.path is missing
 ranking=compared rewards.ranking.comparisons.path=/nowhere | There is no file of comparisons /nowhere/comparisons.jsonl

@@ -7,7 +7,6 @@ from torchrl.envs import TransformedEnv
 
 from morlnav import NavigationEnv
 from morlnav.data import FixedPreferences, UniformPreferences
-from morlnav.navigation.modules import MirrorImage
 from morlnav.navigation.world import SceneSampler
 from morlnav.objectives import LinearScalarisation
 from morlnav.trainers import PathwiseRefinement
@@ -66,7 +65,7 @@ def begin():
 
 def start_at(refinement, begin):
     reset = refinement.env.reset
-    refinement.env.reset = lambda state=begin, **_: reset(state, set_state=True)
+    refinement.env.reset = lambda: reset(begin, set_state=True)
     return refinement
 
 
@@ -139,85 +138,6 @@ def test_contact_repels_before_it_is_made():
     with torch.no_grad():
         now = env.reset(now.select("pose", "scene", "preference"), set_state=True)
         assert env.step(now.set("action", speed))["next", "reward"][0, 0] == reward
-
-
-def follow(driver):
-    """A rival who drives as another driver does."""
-    return lambda policy, observation, preference: driver(observation, preference)
-
-
-def test_a_rival_that_earns_more_is_followed_by_the_secant(begin):
-    begin["pose"][4:, :2] = begin["scene", "human"][4:] - torch.tensor([0.86, 0.0])  # where its last step is a contact
-    actor, rival, pairs = Steering(0.25, 0.0), Steering(0.35, 0.0), begin[::2].repeat_interleave(2)
-    none = torch.zeros(STEPS, 1, 2)
-    gain = (earned(rival, begin, none) - earned(actor, begin, none))[::2]
-    assert (gain > 1).any()
-    assert (gain < -1).any()
-    refinement = start_at(make_refinement(clip=1e9, rival=follow(rival)), begin)
-    seen, _, gradient, running, gained = refinement._drive(actor, GAMMA)
-    assert gained == pytest.approx(earned(actor, begin, none)[::2].mean().item())
-    assert running[:, ::2].all()
-    assert torch.equal(running[:, 1::2], (gain > 0).expand(STEPS, -1))
-    alone = start_at(make_refinement(clip=1e9), pairs)
-    assert torch.allclose(gradient[:, ::2], alone._drive(actor, GAMMA)[2][:, ::2])
-    driven, _, derivative, *_ = alone._drive(rival, GAMMA)
-    assert torch.equal(seen[:, 1::2], driven[:, 1::2])
-    other = torch.tensor([0.1, 0.0]) / HALF
-    size = (STEPS**0.5) * other.norm()
-    secant = gain.clamp_min(0).unsqueeze(-1) / size * other / size
-    assert torch.allclose((gradient - derivative)[:, 1::2] * HALF, secant.expand(STEPS, -1, -1), rtol=1e-3, atol=0.02)
-
-
-@pytest.fixture
-def arriving(begin):
-    """Robots 0.6 m before the goal, which is worth 1 to one of two wishes, and costs as much to the other."""
-
-    def arrival(transition):
-        return transition.contact.goal + 0.0 * transition.next_pose[:, 0]
-
-    def arrive(preference, **settings):
-        begin["preference"] = torch.tensor(preference).expand(8, 2)
-        begin["pose"] = torch.cat([begin["scene", "goal"] - torch.tensor([0.6, 0.0]), torch.zeros(8, 1)], -1)
-        wishes = {"come": arrival, "stay": lambda transition: -arrival(transition)}
-        make = partial(make_env, objectives=wishes, preference=preference)
-        return start_at(make_refinement(make, **settings), begin)
-
-    return arrive
-
-
-COME, STAY = (1.0, 0.0), (0.0, 1.0)
-
-
-def test_a_rival_shows_what_no_derivative_does(arriving):
-    waiting, driving = Steering(0.0, 0.0), Steering(0.4, 0.0)
-    _, _, gradient, _, gained = arriving(COME)._drive(waiting, 1.0)
-    assert gained == 0
-    assert not gradient.any()
-    _, _, gradient, running, gained = arriving(COME, rival=follow(driving))._drive(waiting, 1.0)
-    assert gained == 0
-    assert running[:, 1::2].any()
-    assert (gradient[..., 0][:, 1::2] * running[:, 1::2]).sum() > 0
-
-
-@pytest.mark.parametrize(("wish", "actor", "rival"), [(STAY, 0.4, 0.0), (COME, 0.4, 0.0), (COME, 0.4, 0.45)])
-def test_a_rival_is_no_example_if_it_gains_nothing_or_does_not_end(arriving, wish, actor, rival):
-    _, _, gradient, running, _ = arriving(wish, rival=follow(Steering(rival, 0.0)))._drive(Steering(actor, 0.0), 1.0)
-    assert not running[:, 1::2].any()
-    assert not gradient[:, 1::2].any()
-
-
-def test_a_rival_needs_environments_in_pairs_that_take_a_state():
-    with pytest.raises(ValueError, match="num_envs must be even for an actor and its rival, got 7"):
-        make_refinement(num_envs=7, rival=MirrorImage())
-
-    class Forgetful(NavigationEnv):
-        _supports_set_state = False
-
-    def make_forgetful(num_envs):
-        return TransformedEnv(Forgetful(num_envs=num_envs), DrawPreference(FixedPreferences([0.5, 0.5])))
-
-    with pytest.raises(ValueError, match=r"Forgetful does not begin in a given state .*; train without the rival\."):
-        make_refinement(make_forgetful, rival=MirrorImage())
 
 
 def test_an_environment_without_a_gradient_is_refused():

@@ -5,7 +5,6 @@ import torch
 from support import assert_identical, configure, learned, trainer_for
 from torchrl.checkpoint import CheckpointRotation
 from torchrl.data import PrioritizedSampler
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.modules import AdditiveGaussianModule
 
 from morlnav import data
@@ -294,17 +293,3 @@ def test_stored_rewards_are_raw_and_the_learners_are_scaled(tmp_path):
     trainer, _ = train_briefly(tmp_path, "replay.transforms.scale.scale=0.5")
     assert (trainer.replay_buffer.storage[:]["next", "reward"][:, 2] == -10).all()
     assert (trainer.replay_buffer.sample()["next", "reward"][:, 2] == -5).all()
-
-
-@pytest.mark.parametrize(
-    ("overrides", "driven"),
-    [(["rival=mirror"], [3, 7, 11, 15]), (["rival=mirror", "rival.share=0.5"], [*range(1, 16, 2)]), ([], [])],
-)
-def test_a_rival_drives_some_of_the_environments(overrides, driven, tmp_path):
-    trainer = trainer_for(configure(*BRIEF, *overrides), tmp_path)
-    actor, now = trainer.optimization_stepper.actor, trainer.collector.env.reset()
-    own = actor(now["observation"], now["preference"])
-    with set_exploration_type(ExplorationType.DETERMINISTIC), torch.no_grad():
-        action = trainer.collector.policy(now)["action"]
-    trainer.collector.shutdown()
-    assert (action != own).any(-1).nonzero().flatten().tolist() == driven

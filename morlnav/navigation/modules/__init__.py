@@ -7,7 +7,6 @@ from morlnav.navigation.modules.features import NavigationFeatures
 
 if TYPE_CHECKING:
     from morlnav.navigation.modules.afterstate import AfterstateFeatures
-    from morlnav.navigation.modules.mirror import MirrorImage
     from morlnav.navigation.modules.noise import WanderingNoise
     from morlnav.navigation.modules.oracle import CircumnavigationOracle, Oracle, Plan
     from morlnav.navigation.modules.passing import PassingOracle, SlowPassingOracle, WaitingOracle
@@ -15,7 +14,6 @@ if TYPE_CHECKING:
 _HOMES = {
     "AfterstateFeatures": "afterstate",
     "CircumnavigationOracle": "oracle",
-    "MirrorImage": "mirror",
     "Oracle": "oracle",
     "PassingOracle": "passing",
     "Plan": "oracle",
@@ -27,7 +25,6 @@ _HOMES = {
 __all__ = [
     "AfterstateFeatures",
     "CircumnavigationOracle",
-    "MirrorImage",
     "NavigationFeatures",
     "Oracle",
     "PassingOracle",

@@ -52,7 +52,7 @@ def load_settings(source: Runs) -> pd.DataFrame:
     Returns:
         A row per run: ``run``; ``path``, its directory; ``seed``; and ``setting``: the word of the group ``ablation``,
         as ``no_human``, then other words of the command line in which runs differ, and what else differs, but seeds.
-        So the runs of a setting differ in nothing but their seed.
+        So the runs of a setting differ in nothing but their seed. ``ablation`` is the word of that group alone.
 
     Raises:
         FileNotFoundError: if there are no runs.
@@ -72,7 +72,8 @@ def load_settings(source: Runs) -> pd.DataFrame:
     named = [", ".join(f"{key}={value}" for key, value in row.items()) for row in others]
     if len(set(ablations)) > 1 or not any(named):
         named = [", ".join(filter(None, pair)) for pair in zip(ablations, named, strict=True)]
-    return pd.DataFrame({"run": list(runs), "path": list(runs.values()), "seed": configs.get("seed"), "setting": named})
+    kept = {"run": list(runs), "path": list(runs.values()), "seed": configs.get("seed")}
+    return pd.DataFrame(kept | {"setting": named, "ablation": ablations})
 
 
 def load_sweep(source: Runs) -> pd.DataFrame:

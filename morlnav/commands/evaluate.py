@@ -16,10 +16,13 @@ from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics,
 from morlnav.navigation.world import Scene
 from morlnav.runs import Run, make_training
 
-CHANGES = ("episodes", "steps", "seed", "reference")
+CHANGES = ("episodes", "steps", "seed", "reference", "plan")
 """Values of a run's evaluation that the command line may change."""
 
-WITHOUT = {"animate": ("contexts", "route", "output", "steps", "reference"), "contexts": ("steps", "reference")}
+WITHOUT = {
+    "animate": ("contexts", "route", "output", "steps", "reference", "plan"),
+    "contexts": ("steps", "reference", "plan"),
+}
 """Options that another one leaves without a meaning."""
 
 
@@ -173,6 +176,12 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="steps of every pairwise interpolation of preferences")
     parser.add_argument("--seed", type=int, help="seed of the episodes")
     parser.add_argument("--reference", type=float, nargs="+", help="reference point of the hypervolume, by reward")
+    parser.add_argument(
+        "--plan",
+        action="store_const",
+        const=True,
+        help="tell regrets from the best path under each learned reward, too, planned in every scene (takes minutes)",
+    )
     parser.add_argument("--scenes", type=Path, metavar="FOLDER", help="drive in the scenes of these demonstrations")
     parser.add_argument("--world", help="drive in this one of the config group (default: the run's own)")
     parser.add_argument(

@@ -23,7 +23,9 @@ from morlnav.record.markdown import markdown_table
 from morlnav.runs import Run
 
 STUDIED = ["baseline", "baseline_low", "baseline_high", "demonstrator"]
-CURVES = {"evaluation/success": "success", "evaluation/expected_utility": "expected utility"}
+CURVES = {"evaluation/success": "success", "evaluation/front_share": "share of the exact front"}
+BOUNDED = {"success": 0.0, "SPL": 0.0, "fidelity": -1.0, "front share": 0.0}
+"""Scores that are 1 at most, and their least value."""
 STUDIES = {"noise": "epsilon", "number": "demonstrations"}
 """Files that ``morlnav-clone STUDY --output SWEEP_DIR/clone`` leaves, and their first columns (Fig. 2a, 2b)."""
 
@@ -54,7 +56,7 @@ class Report:
         self.sweep = Sweep(self.source)
         self.notes = list(self.sweep.notes)
         scores = self.sweep.scores()
-        tables = {"scores": aggregate_scores(scores), "comparisons": compare_scores(scores, self.sweep.agent)}
+        tables = {"scores": _bounded(aggregate_scores(scores)), "comparisons": compare_scores(scores, self.sweep.agent)}
         if self.sweep.summaries:
             tables["table1"] = self.sweep.table_one()
         if len(next(iter(self.sweep.of(self.sweep.agent, self.sweep.summaries)), ())) > 1:
@@ -111,7 +113,7 @@ class Report:
         return plot_reached_fronts(self.sweep.front, tables) if tables else None
 
     def curves(self) -> Figure | None:
-        """Success and expected utility while the settings learned."""
+        """Success and the share of the front while the settings learned, before their refinement."""
         names = dict(self.sweep.runs[["run", "setting"]].to_numpy())
         try:
             logs = load_sweep(self.source)
@@ -139,8 +141,9 @@ class Report:
             The page.
         """
         output.mkdir(parents=True, exist_ok=True)
-        for file in (path for path in output.iterdir() if path.stem in (*SECTIONS, *FIGURES)):
-            file.unlink()  # of an earlier report, which may have had more to show
+        tables = [f"{name}.{kind}" for name in SECTIONS for kind in ("csv", "tex")]
+        for file in (*tables, *(f"{name}.png" for name in FIGURES)):
+            (output / file).unlink(missing_ok=True)  # of an earlier report, which may have had more to show
         page = ["# Report of a sweep", ""]
         for name, (title, text) in SECTIONS.items():
             if name in self.tables:
@@ -160,16 +163,24 @@ class Report:
         return output / "report.md"
 
 
+def _bounded(table: pd.DataFrame) -> pd.DataFrame:
+    """Student's intervals of scores that have bounds, within these."""
+    ends, least = ["mean_low", "mean_high"], table["score"].map(BOUNDED)
+    table[ends] = table[ends].clip(lower=least, upper=least.notna().map({True: 1.0, False: float("inf")}), axis=0)
+    return table
+
+
 def _table_one(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
-    for setting, cells in table.groupby("setting", sort=False):
-        numbers = zip(TABLE_ONE.values(), cells.itertuples(), strict=True)
-        row = {_heading(*entry): _interval(cell.mean, cell.low, cell.high, entry[1]) for entry, cell in numbers}
-        rows.append({"agent": setting, "seeds": str(cells["seeds"].max()), **row})
+    for ablation, agents in table.groupby("ablation", sort=False):
+        for setting, cells in agents.groupby("setting", sort=False):
+            numbers = zip(TABLE_ONE.values(), cells.itertuples(), strict=True)
+            row = {_heading(*entry): _interval(cell.mean, cell.low, cell.high, entry[1]) for entry, cell in numbers}
+            rows.append({"agent": setting, "seeds": str(cells["seeds"].max()), **row})
         if cells["paper"].notna().any():
             numbers = zip(TABLE_ONE.values(), cells["paper"], strict=True)
             row = {_heading(*entry): _interval(number, digits=entry[1]) for entry, number in numbers}
-            rows.append({"agent": f"paper: {paper_name(setting)}", "seeds": "1", **row})
+            rows.append({"agent": f"paper: {paper_name(ablation)}", "seeds": "1", **row})
     return pd.DataFrame(rows)
 
 
@@ -240,7 +251,7 @@ FIGURES = {
     "fig4": ("metrics", "Fig. 4: {agent} over the preferences Λ, with 95 % intervals"),
     "fronts": ("fronts", "The exact front of distance and time, and the share of it that settings reach"),
     "intervals": ("intervals", "Interquartile means over seeds and λ, with 95 % intervals"),
-    "curves": ("curves", "Learning curves, with 95 % intervals over seeds"),
+    "curves": ("curves", "Learning curves, before the refinement, with 95 % intervals over seeds"),
 }
 """Of each figure the method of :class:`Report` and the caption."""
 SECTIONS = {

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from morlnav.evaluation.seeds import mean_interval
-from morlnav.record.colours import INK, MARKERS, SETTINGS
+from morlnav.record.colours import INK, setting_style
 
 
 def plot_curves(logs: pd.DataFrame, settings: Mapping[str, str], metrics: Mapping[str, str]) -> Figure:
@@ -27,7 +27,7 @@ def plot_curves(logs: pd.DataFrame, settings: Mapping[str, str], metrics: Mappin
         >>> len(plot_curves(logs, {"0": "our"}, {"train/success": "success"}).axes)
         1
     """
-    names = list(dict.fromkeys(settings.values()))
+    names = list(dict.fromkeys(settings[run] for run in settings if (logs["run"] == run).any()))
     figure = Figure(figsize=(3.8 * len(metrics), 3.2), layout="constrained", facecolor="w")
     panels = figure.subplots(1, len(metrics), squeeze=False)[0]
     for axes, (metric, title), letter in zip(panels, metrics.items(), "abcdefghij", strict=False):
@@ -36,8 +36,11 @@ def plot_curves(logs: pd.DataFrame, settings: Mapping[str, str], metrics: Mappin
         for place, name in enumerate(names):
             seeds = table[[run for run in table if settings[run] == name]].dropna(how="all")
             mean, low, high = np.array([mean_interval(row) for row in seeds.to_numpy()]).reshape(-1, 3).T
-            axes.fill_between(seeds.index, low, high, color=SETTINGS[place % len(SETTINGS)], alpha=0.15, lw=0)
-            axes.plot(seeds.index, mean, color=SETTINGS[place % len(SETTINGS)], lw=1.3, label=name)
+            colour, _, line = setting_style(place)
+            axes.fill_between(seeds.index, low, high, color=colour, alpha=0.15, lw=0)
+            axes.plot(seeds.index, mean, color=colour, ls=line, lw=1.3, label=name)
+        if table.min().min() >= 0 and table.max().max() <= 1:
+            axes.set_ylim(-0.02, 1.02)  # a share, whose interval may reach further
         axes.set(xlabel="frames", ylabel=title)
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         _tidy(axes, letter)
@@ -65,7 +68,7 @@ def plot_scores(table: pd.DataFrame) -> Figure:
     for axes, score, letter in zip(panels, scores, "abcdefghij", strict=False):
         for row in table[table["score"] == score].itertuples():
             place = settings.index(row.setting)
-            colour, marker = SETTINGS[place % len(SETTINGS)], MARKERS[place % len(MARKERS)]
+            colour, marker, _ = setting_style(place)
             axes.plot(
                 [row.iqm_low, row.iqm_high], [place, place], color=colour, lw=5, alpha=0.35, solid_capstyle="butt"
             )

@@ -96,6 +96,17 @@ class PreferenceInterpolator(nn.Module):
         self.register_buffer("ready", torch.tensor(values is not None, device=keys.device))
         self._fit()
 
+    def tuneable(self) -> PreferenceInterpolator:
+        """A new one of the tuneable entries alone, with directions ``[..., n]``.
+
+        >>> PreferenceInterpolator(2).tuneable()(torch.tensor([0.6, 0.8]))
+        tensor([0.6000, 0.8000])
+        """
+        values = self.values[:, self.num_static :] if self.ready else None
+        return PreferenceInterpolator(
+            self.preferences.shape[1], 0, self.preferences, values, decay=self.decay, weights=self.weights
+        )
+
     def forward(self, preference: Tensor) -> Tensor:
         """Unit value directions ``[..., m]`` of the preferences ``[..., n]``."""
         direction = self.coefficients[-1] - _distances(preference, self.preferences) @ self.coefficients[:-1]

@@ -18,6 +18,16 @@ MARKERS = "osD^vPX"
 """Marks of a sweep's settings in turn."""
 
 
+def setting_style(place: int) -> tuple[str, str, str]:
+    """Colour, mark and line of a sweep's settings by their place in it; colours that come again have others beside.
+
+    >>> setting_style(0), setting_style(7)
+    (('#333333', 'o', '-'), ('#333333', 's', '--'))
+    """
+    turn = place // len(SETTINGS)
+    return SETTINGS[place % len(SETTINGS)], MARKERS[(place + turn) % len(MARKERS)], ("-", "--", ":")[turn % 3]
+
+
 def objective_colours(objectives: Sequence[str]) -> list[str]:
     """One colour per objective, the same in every figure.
 

@@ -115,3 +115,29 @@ def test_other_folders_and_contradictions_are_refused(tmp_path, monkeypatch, cap
         with pytest.raises(SystemExit):
             evaluate(monkeypatch, "--scenes", tmp_path, *words)
         assert "as many as were recorded; leave out --episodes and --seed" in capsys.readouterr().err
+
+
+def test_a_planned_path_is_the_best_known_one_under_a_learned_reward(tmp_path):
+    tables = {}
+    for plan in (False, True):
+        run = Run(RUN.parents[1] / "default", changes={"episodes": 1, "steps": 1, "seed": 3, "plan": plan})
+        run.evaluation.report(run.policy, tmp_path / str(plan))
+        tables[plan] = pd.read_csv(tmp_path / str(plan) / "possible.csv").set_index("lambda_demo")
+    assert tables[True].loc[1.0, "best_utility"] > tables[False].loc[1.0, "best_utility"] + 1
+    assert tables[True].loc[1.0, "regret"] > -5  # a path on a grid, beside a drive that knows none
+    head, *_, demo, _, _, total = (tmp_path / "True" / "table.md").read_text().split("\n\n")[0].splitlines()
+    assert [name.strip() for name in head.split("|")][-3:-1] == ["excess %", "regret"]
+    assert demo.split("|")[-2].strip() == f"{tables[True].loc[1.0, 'regret']:.1f}"
+    assert total.split("|")[-2].strip() == f"{tables[True]['regret'].mean():.1f}"
+
+
+def test_what_is_possible_is_the_same_while_a_policy_learns_and_in_its_report(tmp_path):
+    run = Run(RUN, changes={"seed": 3, "steps": 1})
+    metrics = run.evaluation.measure(run.policy, episodes=3, steps=1)
+    run.evaluation.use(run.evaluation.scenes(3, seed=4))
+    run.evaluation.report(run.policy, tmp_path)
+    reported = pd.read_csv(tmp_path / "possible.csv").set_index("lambda_distance")
+    regrets = {1.0: metrics["regret/distance=1,efficiency=0"], 0.0: metrics["regret/distance=0,efficiency=1"]}
+    assert reported["regret"].to_dict() == pytest.approx(regrets, abs=0.01)
+    for name in ("front_share", "mean_excess"):
+        assert reported[name].tolist() == pytest.approx([metrics[name]] * 2)

@@ -123,6 +123,51 @@ def test_table_one_holds_means_and_intervals_over_seeds_beside_the_papers_number
     assert table.loc[("state_reward,no_human", "SR"), "paper"] == 79.6  # in any order
 
 
+def test_two_families_stand_beside_each_other_and_beside_the_paper(tmp_path):
+    for recipe, shift in (("none", 0.0), ("paper", 0.3)):
+        for ablation in ("our", "baseline"):
+            run = keep(tmp_path / f"{ablation}-{recipe}", ablation, 0, 1.1 + shift)
+            (run / "config.yaml").write_text(yaml.safe_dump({"seed": 0, "ablated": ablation, "recipe": recipe}))
+            words = [f"ablation={ablation}", f"recipe={recipe}", "seed=0"]
+            (run / ".hydra" / "overrides.yaml").write_text(yaml.safe_dump(words))
+    made = report.Report([tmp_path])
+    agents = made.readable("table1")["agent"].tolist()
+    families = {name: [f"{name}, recipe=none", f"{name}, recipe=paper"] for name in ("our", "baseline")}
+    assert agents == [*families["baseline"], "paper: baseline agent", *families["our"], "paper: OUR"]
+    assert made.sweep.agent in families["our"]
+    assert made.sweep.baseline == made.sweep.agent.replace("our", "baseline")
+
+
+def test_a_sweep_with_a_run_of_another_task_has_no_agent_without_preferences(tmp_path):
+    keep(tmp_path / "0", "our", 0, 1.1)
+    other = keep(tmp_path / "1", "baseline", 0, 1.1)
+    (other / "evaluation" / "summary.csv").unlink()
+    assert Sweep(tmp_path).without_preferences() is None
+    assert "baseline" in set(report.Report([tmp_path]).tables["scores"]["setting"])
+
+
+def test_a_report_into_a_run_leaves_the_runs_own_files(tmp_path):
+    run = keep(tmp_path / "0", "our", 0, 1.1, min_human_distance_low=0.4, min_human_distance_high=1.2)
+    (run / "times.json").write_text("{}")
+    made = report.Report([run])
+    made.tables = {"times": pd.DataFrame({"setting": ["our"], "runs": [1], "learning": [1.0]})}
+    for figure, _ in report.FIGURES.values():
+        setattr(made, figure, lambda: None)
+    made.write(run)
+    assert (run / "times.json").is_file()
+    assert (run / "times.csv").is_file()
+
+
+def test_a_run_in_other_scenes_than_the_front_is_told(tmp_path):
+    run = keep(tmp_path / "0", "our", 0, 1.1)
+    front = pd.DataFrame({"scene": [0, 0, 1, 1, 2, 2], "distance": [0.48, 2.0] * 3, "length": [7.0, 9.0] * 3})
+    front.to_csv(run / "evaluation" / "exact_front.csv", index=False)
+    sentence = "Run 0 drove in other scenes than those of the exact front."
+    assert sentence in report.Report([tmp_path]).notes
+    front.replace(7.0, 8.0).to_csv(run / "evaluation" / "exact_front.csv", index=False)
+    assert sentence not in report.Report([tmp_path]).notes
+
+
 def test_a_sweep_says_what_is_missing(tmp_path):
     keep(tmp_path / "0", "our", 0, 1.1)
     keep(tmp_path / "1", "our", 0, 1.2)

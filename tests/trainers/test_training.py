@@ -293,3 +293,13 @@ def test_stored_rewards_are_raw_and_the_learners_are_scaled(tmp_path):
     trainer, _ = train_briefly(tmp_path, "replay.transforms.scale.scale=0.5")
     assert (trainer.replay_buffer.storage[:]["next", "reward"][:, 2] == -10).all()
     assert (trainer.replay_buffer.sample()["next", "reward"][:, 2] == -5).all()
+
+
+def test_an_angle_of_the_tuneable_entries_needs_one_word(tmp_path):
+    trainer = trainer_for(
+        configure("loss.terms.angle.tuneable_only=true", "loss.terms.angle.interpolator.steps=2"), tmp_path
+    )
+    term = trainer.loss_module.terms["angle"]
+    trainer.collector.shutdown()
+    assert term.interpolator.num_static == 0
+    assert term.interpolator.preferences.tolist() == [[0, 1], [0.5, 0.5], [1, 0]]

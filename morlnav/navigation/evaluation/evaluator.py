@@ -13,11 +13,12 @@ from torch import Tensor, nn
 from torchrl.envs import EnvBase, TransformedEnv
 
 from morlnav.data import simplex_grid
-from morlnav.evaluation import Evaluation, eval_env, expected_utility, preference_label
+from morlnav.evaluation import Evaluation, eval_env, preference_label
+from morlnav.evaluation.pareto import utility
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
-from morlnav.navigation.evaluation.possible import EDGE, ExactFront, exact_front, possible_table
+from morlnav.navigation.evaluation.possible import EDGE, ExactFront, best_utility, exact_front, possible_table
 from morlnav.navigation.evaluation.references import reference_paths
 from morlnav.navigation.evaluation.report import sentences, write_report
 from morlnav.navigation.evaluation.rollout import Rollouts, evaluate_policy, evaluation_scenes
@@ -27,6 +28,9 @@ from morlnav.record.console import make_console
 from morlnav.trainers.drex import place
 from morlnav.transforms import DemonstrationReward, transforms_of
 
+_Known = tuple[Scene, Tensor, dict[str, list[Tensor]], ExactFront | None, Tensor | None]
+"""Scenes, their shortest paths, demonstrators' paths, the exact front, and what the best known paths are worth."""
+
 
 class NavigationEvaluation(Evaluation):
     """Drives every preference in the same held-out scenes, side by side, with the robot's true size.
@@ -35,6 +39,8 @@ class NavigationEvaluation(Evaluation):
         episodes: scenes per preference.
         demonstrators: by objective, who drives as demonstrated, to measure Fréchet distances to.
         max_steps: time limit of an episode.
+        plan: let reports tell regrets from the best path under each learned reward, too, planned in every scene; takes
+            minutes.
         settings: further arguments of :class:`~morlnav.evaluation.Evaluation`; its seed is that of the scenes.
 
     Raises:
@@ -47,12 +53,13 @@ class NavigationEvaluation(Evaluation):
         *,
         demonstrators: Mapping[str, Callable[[Tensor], Tensor]],
         max_steps: int = 250,
+        plan: bool = False,
         **settings: Any,
     ) -> None:
         super().__init__(episodes, max_steps=max_steps, **settings)
-        self.demonstrators = demonstrators
+        self.demonstrators, self.plan = demonstrators, plan
         self._scenes: Scene | None = None
-        self._known: dict[int, tuple[Scene, Tensor, dict[str, list[Tensor]], ExactFront | None]] = {}
+        self._known: dict[tuple[int, int], _Known] = {}
         if not isinstance(self.env, NavigationEnv):
             raise ValueError(f"NavigationEvaluation measures a NavigationEnv, and no {type(self.env).__name__}.")
 
@@ -125,6 +132,20 @@ class NavigationEvaluation(Evaluation):
                 print(f"No Fréchet distances to the demonstration of {name}: {error}")
         return paths
 
+    def plans(self, scenes: Scene) -> dict[str, list[Tensor]]:
+        """The best path ``[L, 2]`` under each learned reward in each scene; takes seconds for each."""
+        from morlnav.navigation.audit import PathPlanner  # stands on this package
+
+        paths = {}
+        for name, term in self.terms.items():
+            if isinstance(term, _Demonstrated):
+                learned, env = term.transform, self.env
+                planner = PathPlanner(
+                    learned.scale, learned.offset, env.world, env.observe_human, max_steps=self.max_steps
+                )
+                paths[name] = [planner(learned.reward_model, scene).path for scene in scenes]
+        return paths
+
     def returns(
         self, policy: nn.Module, preferences: Tensor, episodes: int, seed: int, gamma: Tensor | float = 1.0
     ) -> Tensor:
@@ -135,33 +156,38 @@ class NavigationEvaluation(Evaluation):
 
     def measure(self, policy: nn.Module, episodes: int, steps: int) -> dict[str, float]:
         """See :meth:`Evaluation.measure`."""
-        scenes, shortest, references, front = self._fixed(episodes)
         preferences = simplex_grid(self.num_objectives, steps)
+        scenes, shortest, references, front, best = self._fixed(episodes, preferences)
         rollouts = self.drive(policy, scenes, preferences)
         frame = episode_metrics(rollouts, self.rewards, world=self.env.world, references=references, shortest=shortest)
         metrics = frame[[name for names in RATES.values() for name in names]].mean().to_dict()
-        metrics["expected_utility"] = expected_utility(
-            rollouts.reward.sum(2).mean(1).cpu(), preferences, self.scalarisation
-        )
+        earned = utility(rollouts.reward.sum(2).mean(1).cpu(), preferences, self.scalarisation)
+        metrics["expected_utility"] = earned.mean().item()
         summary = summarise(frame, resamples=2)  # its means alone are wanted
         if front is not None:
-            possible = possible_table(front, summary).iloc[0]
-            metrics |= {name: possible[name] for name in ("front_share", "mean_excess")}
+            possible = possible_table(front, summary, pd.Series(earned.numpy()), best)
+            metrics |= {name: possible[name].iloc[0] for name in ("front_share", "mean_excess")}
+            summary["regret"] = possible["regret"]
         for preference, row in zip(preferences, summary.to_dict("records"), strict=True):
             label = preference_label(self.objectives, preference.tolist())
             metrics[f"success/{label}"] = row["SR"] / 100
-            metrics |= {f"{name}/{label}": row[name] for name in metric_columns(frame)}
+            metrics |= {f"{name}/{label}": row[name] for name in [*metric_columns(frame), "regret"] if name in row}
         return metrics
 
-    def _fixed(self, episodes: int) -> tuple[Scene, Tensor, dict[str, list[Tensor]], ExactFront | None]:
+    def _fixed(self, episodes: int, preferences: Tensor) -> _Known:
         """Scenes that stay the same while a policy learns, with what is known of them."""
-        if episodes not in self._known:
+        key = episodes, len(preferences)
+        if key not in self._known:
             scenes, world = self.scenes(episodes, self.seed + 1), self.env.world
             front = exact_front(scenes, world) if set(EDGE) <= set(self.objectives) else None
             radii = world.robot.radius, world.human_radius, world.goal_radius
             shortest = shortest_path(scenes, *radii) if front is None else front.length[:, 0]
-            self._known[episodes] = scenes, shortest, self.references(scenes), front
-        return self._known[episodes]
+            references, best = self.references(scenes), None
+            if front is not None:
+                settings = {"world": world, "references": references, "scalarisation": self.scalarisation}
+                best = best_utility(front, scenes, preferences, self.terms, **settings)
+            self._known[key] = scenes, shortest, references, front, best
+        return self._known[key]
 
     def report(self, policy: nn.Module, directory: Path) -> pd.DataFrame:
         """Measure a trained policy, write tables and figures, and return the summary, a row per preference."""
@@ -176,6 +202,7 @@ class NavigationEvaluation(Evaluation):
             reference_point=self.reference,
             scalarisation=self.scalarisation,
             objectives=self.terms,
+            plans=self.plans(scenes) if self.plan else None,
         )
 
     def show(self, output: Path, directory: Path) -> None:

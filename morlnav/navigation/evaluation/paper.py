@@ -25,16 +25,16 @@ PAPER = {
 """What the paper calls a word of the group ``ablation``, and its numbers (Table I, Sec. IV-C.1)."""
 
 
-def paper_name(setting: str) -> str | None:
-    """What the paper calls a setting; ``None`` for one that it does not have.
+def paper_name(ablation: str) -> str | None:
+    """What the paper calls a word of the group ``ablation``; ``None`` for one that it does not have.
 
     >>> paper_name("state_reward,no_human"), paper_name("no_angle")
     ('-RM-NH', None)
     """
-    return next((name for name, _ in published(setting)), None)
+    return next((name for name, _ in published(ablation)), None)
 
 
-def published(setting: str) -> list[tuple[str, tuple[float, ...]]]:
-    """Name and numbers in the paper of a setting, whose words may come in any order."""
-    words = sorted(setting.split(","))
+def published(ablation: str) -> list[tuple[str, tuple[float, ...]]]:
+    """Name and numbers in the paper of what several words, in any order, leave out together."""
+    words = sorted(ablation.split(","))
     return [entry for word, entry in PAPER.items() if sorted(word.split(",")) == words]

@@ -37,6 +37,8 @@ TABLE = {
     "frechet_free": ("where free", 2),
     "human_on_right": ("on right", 2),
     "personal_space": ("personal space", 2),
+    "excess": ("excess %", 1),
+    "regret": ("regret", 1),
 }
 """Columns of the readable table: heading and digits."""
 
@@ -53,6 +55,7 @@ def write_report(
     reference_point: Tensor | None = None,
     scalarisation: Scalarisation | None = None,
     objectives: Mapping[str, Objective] | None = None,
+    plans: Mapping[str, Sequence[Tensor]] | None = None,
     scenes: Sequence[int] = (0, 1, 2),
 ) -> str:
     """Write tables and figures of an evaluation, and return the table that a person reads first.
@@ -74,6 +77,8 @@ def write_report(
             without it, or where an entry is not finite, there is no hypervolume.
         scalarisation: weighs the returns in the expected utility, as the loss does; ``None`` takes ``[1, λ]``.
         objectives: the entries of the reward, to tell what the best known paths would earn.
+        plans: the best path ``[L, 2]`` per scene under a learned reward, by the name of its objective; they are known
+            paths, too.
         scenes: the scenes whose trajectories are drawn, as far as there are so many.
 
     Returns:
@@ -100,7 +105,9 @@ def write_report(
         best = None
         if objectives is not None:
             preferences = rollouts.preference[:, 0].cpu()
-            settings = {"world": world, "references": by_objective(references), "scalarisation": scalarisation}
+            planned = {f"{name}, planned": paths for name, paths in (plans or {}).items()}
+            known = {**by_objective(references), **planned}
+            settings = {"world": world, "references": known, "scalarisation": scalarisation}
             best = best_utility(limits, rollouts.scene[0], preferences, objectives, **settings)
         possible = possible_table(limits, summary, front["utility"], best)
         tables |= {"exact_front": limits.table(), "possible": possible}
@@ -139,6 +146,11 @@ def _known(reference_point: Tensor | None, rewards: Sequence[str]) -> Tensor | N
 
 def _table(total: pd.DataFrame, summary: pd.DataFrame, **tables: pd.DataFrame) -> str:
     weights = [name for name in summary if name.startswith("lambda_")]
+    if (possible := tables.get("possible")) is not None:
+        beside = {"excess": 100 * possible["excess"].where(possible["on_edge"]), "regret": possible.get("regret")}
+        beside = {name: values for name, values in beside.items() if values is not None}
+        summary = summary.assign(**beside)
+        total = total.assign(**{name: values.mean() for name, values in beside.items()})
     shown = _shown(summary)
     rows = [[f"{row[name]:.2f}" for name in weights] + cells(row, shown) for _, row in summary.iterrows()]
     rows.append(["**all**", *[""] * (len(weights) - 1), *cells(total.iloc[0], shown)])

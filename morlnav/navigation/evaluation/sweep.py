@@ -31,6 +31,9 @@ class Sweep:
 
     Attributes:
         runs: a row per evaluated run, as of :func:`~morlnav.analysis.load_settings`; no setting has a seed twice.
+        ablation: the word of that group of each setting.
+        settings: those with the same word beside each other, as the same agent of two recipes.
+        possible: every run beside the exact front (see :func:`possible_table`), if it drove in the front's scenes.
         notes: sentences on what is missing.
 
     Raises:
@@ -51,8 +54,11 @@ class Sweep:
             raise FileNotFoundError(
                 f"None of the runs {', '.join(runs['run'])} is evaluated; finish one, or use morlnav-evaluate."
             )
-        self.runs = runs[done & ~again].reset_index(drop=True)
-        self.settings = list(self.runs["setting"].unique())
+        kept = runs[done & ~again]
+        kept = kept.sort_values("ablation", key=lambda words: words.map(list(words.unique()).index), kind="stable")
+        self.runs = kept.reset_index(drop=True)
+        self.ablation = dict(self.runs[["setting", "ablation"]].to_numpy())
+        self.settings = list(self.ablation)
         self.notes = [
             f"Run {run.run} ({run.setting}, seed {run.seed}) has no evaluation." for run in _rows(runs[~done])
         ]
@@ -62,7 +68,7 @@ class Sweep:
         seeds = self.runs["setting"].value_counts(sort=False)
         if single := list(seeds.index[seeds == 1]):
             self.notes.append(f"A single seed has neither intervals nor tests: {', '.join(single)}.")
-        there = {paper_name(setting) for setting in self.settings}
+        there = set(map(paper_name, self.ablation.values()))
         absent = [word for word, (name, _) in PAPER.items() if name not in there]
         if self.summaries and 0 < len(absent) < len(PAPER):
             words = ",".join(f"[{word}]" if "," in word else word for word in absent)
@@ -71,6 +77,8 @@ class Sweep:
             self.notes.append(f"No wall time is known of {', '.join(untimed)}.")
         if self.summaries and self.front is None:
             self.notes.append("No run keeps evaluation/exact_front.csv; morlnav-evaluate RUN_DIR writes it.")
+        beside = {} if self.front is None else {run: self._beside(run) for run in self.summaries}
+        self.possible = {run: table for run, table in beside.items() if table is not None}
 
     @cached_property
     def fronts(self) -> dict[str, pd.DataFrame]:
@@ -93,14 +101,15 @@ class Sweep:
     def agent(self) -> str:
         """The setting that figures show: ``our``, or else the first that several preferences steer."""
         steered = [name for name in self.settings if len(next(iter(self.of(name, self.fronts)))) > 1]
-        return "our" if "our" in steered else (steered or self.settings)[0]
+        ours = [name for name in steered if self.ablation[name] == "our"]
+        return (ours or steered or self.settings)[0]
 
     @cached_property
     def baseline(self) -> str | None:
-        """The first setting without preferences, which navigates under a single one."""
-        return next(
-            (name for name in self.settings if all(len(one) == 1 for one in self.of(name, self.summaries))), None
-        )
+        """The navigating agent without preferences (``ablation=baseline``) that differs from :attr:`agent` in that."""
+        rest = self.agent.removeprefix(self.ablation[self.agent])
+        alone = [name for name in self.settings if self.ablation[name] == "baseline" and self.of(name, self.summaries)]
+        return next((name for name in alone if name.removeprefix("baseline") == rest), None)
 
     def of(self, setting: str, tables: dict[str, pd.DataFrame]) -> list[pd.DataFrame]:
         """The tables of a setting's runs, as far as there are any."""
@@ -116,15 +125,6 @@ class Sweep:
         table = read_columns(file, ["scene", "distance", "length"])
         lengths = table.pivot_table(index="scene", columns="distance", values="length", dropna=False).fillna(np.inf)
         return ExactFront(torch.tensor(lengths.columns.to_numpy(float)), torch.tensor(lengths.to_numpy(float)), [])
-
-    @cached_property
-    def possible(self) -> dict[str, pd.DataFrame]:
-        """Every run beside the exact front (see :func:`possible_table`), if it drove in the front's scenes."""
-        return (
-            {}
-            if self.front is None
-            else {run: table for run in self.summaries if (table := self._beside(run)) is not None}
-        )
 
     def _beside(self, run: str) -> pd.DataFrame | None:
         path = self.runs.set_index("run").loc[run, "path"]
@@ -144,18 +144,18 @@ class Sweep:
         """Table I: a row per setting and metric of :data:`TABLE_ONE`.
 
         Returns:
-            Columns ``setting``, ``metric``, ``seeds`` (that have such a number), ``mean``, ``low`` and ``high`` (95 %
-            interval over seeds, rates within 0 and 100), and ``paper``, the paper's number.
+            Columns ``setting``, ``ablation``, ``metric``, ``seeds`` (that have such a number), ``mean``, ``low`` and
+            ``high`` (95 % interval over seeds, rates within 0 and 100), and ``paper``, the paper's number.
         """
         rows = []
         for name in self.settings:
-            theirs = next((numbers for _, numbers in published(name)), [np.nan] * 6)
+            theirs = next((numbers for _, numbers in published(self.ablation[name])), [np.nan] * 6)
             for (metric, (*_, objective)), paper in zip(TABLE_ONE.items(), theirs, strict=True):
                 values = [_measure(summary, metric, objective) for summary in self.of(name, self.summaries)]
                 mean, *ends = mean_interval(values)
                 low, high = np.clip(ends, 0, 100 if metric in ("SR", "CR", "TR") else np.inf)
                 cell = {"seeds": int(np.isfinite(values).sum()), "mean": mean, "low": low, "high": high, "paper": paper}
-                rows.append({"setting": name, "metric": metric, **cell})
+                rows.append({"setting": name, "ablation": self.ablation[name], "metric": metric, **cell})
         return pd.DataFrame(rows)
 
     def scores(self) -> pd.DataFrame:

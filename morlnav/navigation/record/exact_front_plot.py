@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,16 +10,19 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from morlnav.record.colours import INK, MARKERS, SETTINGS, blend, objective_colours
+from morlnav.record.colours import INK, blend, objective_colours, setting_style
 
 if TYPE_CHECKING:
     from morlnav.navigation.evaluation.possible import ExactFront
+
+REACHED = ("front_share", "mean_excess")
 
 
 def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
     """Distance to the human against time, means over scenes: the front, every preference, and the area they dominate.
 
-    Right and down is better. The band holds the front of the middle 80 % of the scenes.
+    Right and down is better. The band holds the front of the middle 80 % of the scenes; the line from a preference
+    between distance and efficiency down to the front is its excess of time.
 
     Args:
         front: of the scenes.
@@ -37,11 +39,13 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
     """
     figure, axes = _draw_front(front)
     distance = front.distance.numpy()
-    edge = table[table["on_edge"]].dropna()
+    edge = table.loc[table["on_edge"], ["min_human_distance", "time_ratio"]].dropna()
     grid = np.linspace(distance[0], distance[-1], 500)
     reached = front.reach(edge["min_human_distance"].to_numpy(), edge["time_ratio"].to_numpy(), grid)
     most = front.reach(np.array([]), np.array([]), grid)
     axes.fill_between(grid, reached, most, where=reached < most, color="#2456d6", alpha=0.12, lw=0, step="mid")
+    kept, times = edge["min_human_distance"].to_numpy(), edge["time_ratio"].to_numpy()
+    axes.vlines(kept, front.at(kept), times, color=INK, lw=0.7, alpha=0.5)
     names = [name for name in table if name.startswith("lambda_")]
     colours = objective_colours([name.removeprefix("lambda_") for name in names])
     axes.scatter(
@@ -58,7 +62,7 @@ def plot_exact_front(front: ExactFront, table: pd.DataFrame) -> Figure:
 
 
 def plot_reached_fronts(front: ExactFront, tables: Mapping[str, Sequence[pd.DataFrame]]) -> Figure:
-    """The same for the settings of a sweep: between distance and efficiency, means over seeds, and each one's share.
+    """The same for the settings of a sweep: between distance and efficiency, means over seeds; each share and excess.
 
     Args:
         front: of the scenes.
@@ -69,25 +73,25 @@ def plot_reached_fronts(front: ExactFront, tables: Mapping[str, Sequence[pd.Data
         >>> from morlnav.navigation.evaluation.possible import ExactFront
         >>> front = ExactFront(torch.tensor([0.48, 2.0]), torch.tensor([[10.0, 11.0]]), [])
         >>> table = pd.DataFrame({"min_human_distance": [1.5, 0.6], "time_ratio": [1.1, 1.02], "on_edge": True})
-        >>> figure = plot_reached_fronts(front, {"our": [table.assign(front_share=0.4)]})
+        >>> figure = plot_reached_fronts(front, {"our": [table.assign(front_share=0.4, mean_excess=0.02)]})
         >>> figure.legends[0].get_texts()[-1].get_text()
-        'our: 40 %'
+        'our: 40 %, +2.0 %'
     """
     figure, axes = _draw_front(front)
-    for (name, seeds), colour, marker in zip(tables.items(), cycle(SETTINGS), cycle(MARKERS), strict=False):
-        line = sum(table[["min_human_distance", "time_ratio"]].where(table["on_edge"]) for table in seeds) / len(seeds)
-        share = 100 * np.mean([table["front_share"].iloc[0] for table in seeds])
-        style = {"color": colour, "marker": marker, "ms": 5, "lw": 1.0, "alpha": 0.9}
-        axes.plot(
-            *line.dropna().sort_values("min_human_distance").to_numpy().T, label=f"{name}: {share:.0f} %", **style
-        )
-    columns = 3 if max(map(len, tables)) < 24 else 1
+    for place, (name, seeds) in enumerate(tables.items()):
+        colour, marker, line_style = setting_style(place)
+        points = [table[["min_human_distance", "time_ratio"]].where(table["on_edge"]) for table in seeds]
+        line = (sum(points) / len(points)).dropna().sort_values("min_human_distance")
+        share, excess = (100 * np.mean([table[key].iloc[0] for table in seeds]) for key in REACHED)
+        style = {"color": colour, "marker": marker, "ls": line_style, "ms": 5, "lw": 1.0, "alpha": 0.9}
+        axes.plot(*line.to_numpy().T, label=f"{name}: {share:.0f} %, {excess:+.1f} %", **style)
+    columns = max(1, 90 // (max(map(len, tables)) + 14))  # as many as the width has room for
     figure.legend(loc="outside upper center", ncols=columns, frameon=False, fontsize=8)
     return figure
 
 
 def _draw_front(front: ExactFront) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(5.6, 4.0), layout="constrained", facecolor="w")
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained", facecolor="w")
     axes = figure.subplots()
     distance = front.distance.numpy()
     ratio = front.ratio.numpy()

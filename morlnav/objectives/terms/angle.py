@@ -18,13 +18,14 @@ class AngleTerm(LossTerm):
         interpolator: maps λ to a direction ``λ_p`` ``[..., m]``, such as a
             :class:`~morlnav.modules.PreferenceInterpolator`; without one, ``λ_p`` is the weight vector. It gets no
             gradient.
-        tuneable_only: leave the static entries in front out of the angle and of what the interpolator learns, which
-            then has directions ``[..., n]``. They still count in the scalarised value.
+        tuneable_only: leave the static entries in front out of the angle and of what the interpolator learns, whose
+            :meth:`~morlnav.modules.PreferenceInterpolator.tuneable` then serves. They still count in the scalarised
+            value.
         degrees: give the angle in degrees, as PD-MORL's reference implementation does, instead of radians.
         eps: keeps norms away from zero.
 
     Raises:
-        ValueError: for a negative coefficient, or an interpolator of static entries with ``tuneable_only``.
+        ValueError: for a negative coefficient.
 
     Examples:
         >>> g = AngleTerm()
@@ -44,11 +45,9 @@ class AngleTerm(LossTerm):
         super().__init__()
         check_at_least(0, actor=actor, critic=critic)
         check_positive(eps=eps)
-        static = getattr(interpolator, "num_static", 0)
-        if tuneable_only and static:
-            raise ValueError(f"tuneable_only needs an interpolator with num_static=0, got num_static={static}.")
         self.coefficients = {"actor": actor, "qvalue": critic}
-        self.interpolator = interpolator
+        static = tuneable_only and getattr(interpolator, "num_static", 0)
+        self.interpolator = interpolator.tuneable() if static else interpolator
         self.tuneable_only = tuneable_only
         self.degrees = degrees
         self.eps = eps

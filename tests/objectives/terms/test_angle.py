@@ -47,11 +47,13 @@ def test_its_penalties_are_reported_under_the_name_that_it_has_in_the_loss():
 @pytest.mark.parametrize("interpolated", [True, False])
 def test_static_entries_may_be_left_out_of_the_angle_and_of_what_is_interpolated(interpolated):
     keys, measured = torch.eye(2), torch.tensor([[7.0, 3.0, -1.0], [-9.0, -2.0, 4.0]])
-    interpolator = PreferenceInterpolator(2, num_static=0, preferences=keys) if interpolated else None
-    term = AngleTerm(10.0, 2.0, interpolator, tuneable_only=True)
+    given = PreferenceInterpolator(2, preferences=keys, decay=0.5) if interpolated else None
+    term = AngleTerm(10.0, 2.0, given, tuneable_only=True)
+    interpolator = term.interpolator
     loss, batch = make_loss(terms={"angle": term}), make_batch()
     term.update(keys, measured)
     if interpolated:
+        assert interpolator.decay == 0.5
         torch.testing.assert_close(interpolator.values, measured[:, 1:])
         torch.testing.assert_close(interpolator(keys), nn.functional.normalize(measured[:, 1:], dim=-1))
 
@@ -67,11 +69,6 @@ def test_static_entries_may_be_left_out_of_the_angle_and_of_what_is_interpolated
     out = loss(batch)
     torch.testing.assert_close(out["angle_actor"], 10 * torch.tensor(actor), rtol=1e-4, atol=1e-4)
     torch.testing.assert_close(out["angle_qvalue"], 2 * torch.tensor(critics).T, rtol=1e-4, atol=1e-4)
-
-
-def test_an_interpolator_of_static_entries_does_not_serve_an_angle_without_them():
-    with pytest.raises(ValueError, match="needs an interpolator with num_static=0, got num_static=1"):
-        AngleTerm(interpolator=PreferenceInterpolator(2, num_static=1), tuneable_only=True)
 
 
 def test_the_clamped_angle_has_no_gradient_beyond_ninety_degrees_and_the_safe_one_has():

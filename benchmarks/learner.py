@@ -23,7 +23,7 @@ TITLE = "Learner: updates with batches of 256, networks of 4×256, 4 objectives,
 NOTES = """Unit: updates, of both critics each time and of the actor every second time (CAPQL: every time, PD-MORL:
 every tenth). morlnav's rows are `Trainer.optim_steps` of the trainer that `morlnav-train` runs, with sampling,
 relabelling, clipping, both Adam steps, targets, the averaged actor and learning-rate schedules: *plain* without angle
-term, guidance, search and afterstate, an actor that climbs one critic, and exact products, as all peers have them;
+term, guidance, search and afterstate, and with exact products, as all peers have them;
 *plain, as shipped* with the products that `products=auto` chooses; *default* also with all the rest, as
 recommended. *Minimal* is plain PyTorch on the same networks, twins one after the other, without averaging and
 schedules. TorchRL's stock TD3 sees one scalar reward, no preference, and the bare 34 numbers. CAPQL and GPI-LS are

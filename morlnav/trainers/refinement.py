@@ -39,7 +39,7 @@ class PathwiseRefinement:
     :class:`~morlnav.navigation.envs.rewards.Collision`) is all that is known of it. So it leads to the nearest optimum,
     and what comes before it has to find the ways. Long chains explode where a robot's own reactions amplify a push;
     the gradient of one episode is therefore shortened to ``clip``, as far as the actor can follow it: near the bounds
-    of an action, to which it is squashed, it cannot.
+    of an action, to which it is squashed, it cannot. What is no finite number counts nothing.
 
     Args:
         drives: how often all environments drive an episode, after which the actor learns; 0 leaves the policy as it is.

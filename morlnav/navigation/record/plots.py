@@ -189,7 +189,7 @@ def plot_metrics(
     *,
     baseline: pd.DataFrame | None = None,
 ) -> Figure:
-    """Metrics over preferences in the style of Fig. 4: means with bootstrap bands above a strip of λ's fractions.
+    """Metrics over preferences in the style of Fig. 4: means and the summary's bands above a strip of λ's fractions.
 
     The horizontal axis walks along the edges of the simplex from corner to corner; preferences off the edges are not
     drawn.

@@ -60,7 +60,10 @@ class Report:
         if self.sweep.summaries:
             tables["table1"] = self.sweep.table_one()
         if len(next(iter(self.sweep.of(self.sweep.agent, self.sweep.summaries)), ())) > 1:
-            self.summary, tables["extremes"] = self.sweep.over_preferences()
+            if all(file.is_file() for file in self.sweep.of(self.sweep.agent, self.sweep.episodes)):
+                self.summary, tables["extremes"] = self.sweep.over_preferences()
+            else:
+                self.notes.append(f"No Fig. 3 and 4: runs of {self.sweep.agent} keep no evaluation/episodes.csv.")
         tables["times"] = self.sweep.times()
         self.tables = {name: table for name, table in tables.items() if len(table)}
 

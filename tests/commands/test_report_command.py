@@ -11,7 +11,8 @@ import yaml
 from support import BRIEF, SMALL
 
 from morlnav.commands import report, train
-from morlnav.navigation.evaluation.sweep import Sweep
+from morlnav.navigation.evaluation.report import PLOTTED
+from morlnav.navigation.evaluation.sweep import ENDS, Sweep
 from morlnav.runs import Run
 
 SHORT = (
@@ -102,11 +103,16 @@ def keep(run, ablation, seed, distance, **more):
     summary = pd.DataFrame({"preference": [0, 1], "lambda_distance": [1.0, 0.0], "lambda_efficiency": [0.0, 1.0]})
     summary = summary.assign(SR=[100.0, 90.0], CR=0.0, TR=[0.0, 10.0], min_human_distance=[distance, 0.5])
     summary = summary.assign(navigation_time=[20.0, 17.0], time_ratio=[1.2, 1.0], spl=0.9, min_obstacle_distance=0.4)
-    summary.assign(**more).to_csv(run / "evaluation" / "summary.csv", index=False)
+    ends = {f"{name}{end}": 0.5 for name in PLOTTED if name in summary for end in ENDS[1:]}
+    summary.assign(**ends, **more).to_csv(run / "evaluation" / "summary.csv", index=False)
     episodes = summary.loc[summary.index.repeat(3)].assign(scene=[0, 1, 2] * 2, success=True, shortest_path=8.0)
     episodes.to_csv(run / "evaluation" / "episodes.csv", index=False)
     summary[["lambda_distance", "lambda_efficiency"]].assign(utility=1.0).to_csv(run / "evaluation" / "front.csv")
     return run
+
+
+def drop(file, column="min_human_distance_low"):
+    pd.read_csv(file).drop(columns=column).to_csv(file, index=False)
 
 
 def test_table_one_holds_means_and_intervals_over_seeds_beside_the_papers_numbers(tmp_path):
@@ -147,7 +153,7 @@ def test_a_sweep_with_a_run_of_another_task_has_no_agent_without_preferences(tmp
 
 
 def test_a_report_into_a_run_leaves_the_runs_own_files(tmp_path):
-    run = keep(tmp_path / "0", "our", 0, 1.1, min_human_distance_low=0.4, min_human_distance_high=1.2)
+    run = keep(tmp_path / "0", "our", 0, 1.1)
     (run / "times.json").write_text("{}")
     made = report.Report([run])
     made.tables = {"times": pd.DataFrame({"setting": ["our"], "runs": [1], "learning": [1.0]})}
@@ -166,6 +172,12 @@ def test_a_run_in_other_scenes_than_the_front_is_told(tmp_path):
     assert sentence in report.Report([tmp_path]).notes
     front.replace(7.0, 8.0).to_csv(run / "evaluation" / "exact_front.csv", index=False)
     assert sentence not in report.Report([tmp_path]).notes
+    (run / "evaluation" / "episodes.csv").unlink()
+    made = report.Report([tmp_path])
+    for sentence in ("Run 0 keeps no evaluation/episodes.csv", "No Fig. 3 and 4: runs of our keep no"):
+        assert any(sentence in note for note in made.notes)
+    assert "table1" in made.tables
+    assert made.trajectories() is None
 
 
 def test_a_sweep_says_what_is_missing(tmp_path):
@@ -207,6 +219,7 @@ def test_stars_are_corrected_and_no_interval_leaves_what_can_be(tmp_path):
         (lambda run: (run / "evaluation" / "front.csv").unlink(), "None of the runs 0 is evaluated"),
         (lambda run: (run / "evaluation" / "front.csv").write_text(""), r"front\.csv cannot be read as a table"),
         (lambda run: (run / "evaluation" / "front.csv").write_text("a\n1"), r"front\.csv has no column utility"),
+        (lambda run: drop(run / "evaluation" / "summary.csv"), r"summary\.csv has no column min_human_distance_low"),
         (lambda run: keep(run / "0", "our", 0, "far"), r"summary\.csv .* numbers in the column min_human_distance"),
     ],
 )

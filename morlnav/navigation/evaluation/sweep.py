@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -19,6 +19,7 @@ from morlnav.navigation.evaluation.report import PLOTTED
 from morlnav.navigation.evaluation.statistics import ONLY_SUCCESS, compare_extremes, fidelity, tuneable_objectives
 from morlnav.runs.directory import PARTS, times_of
 
+T = TypeVar("T")
 ENDS = ("", "_low", "_high")
 """After the name of a metric: its mean, and the ends of the interval."""
 
@@ -86,6 +87,11 @@ class Sweep:
         return {run.run: read_columns(run.path / "evaluation" / "front.csv", ["utility"]) for run in _rows(self.runs)}
 
     @cached_property
+    def episodes(self) -> dict[str, Path]:
+        """``episodes.csv`` of every run, where it keeps one."""
+        return {run.run: run.path / "evaluation" / "episodes.csv" for run in _rows(self.runs)}
+
+    @cached_property
     def seconds(self) -> dict[str, dict[str, float]]:
         """``times.json`` of every run, as far as it keeps one."""
         return {run.run: times_of(run.path) for run in _rows(self.runs)}
@@ -111,8 +117,8 @@ class Sweep:
         alone = [name for name in self.settings if self.ablation[name] == "baseline" and self.of(name, self.summaries)]
         return next((name for name in alone if name.removeprefix("baseline") == rest), None)
 
-    def of(self, setting: str, tables: dict[str, pd.DataFrame]) -> list[pd.DataFrame]:
-        """The tables of a setting's runs, as far as there are any."""
+    def of(self, setting: str, tables: dict[str, T]) -> list[T]:
+        """The tables, or whatever else, of a setting's runs, as far as there are any."""
         return [tables[run] for run in self.runs.loc[self.runs["setting"] == setting, "run"] if run in tables]
 
     @cached_property
@@ -127,8 +133,11 @@ class Sweep:
         return ExactFront(torch.tensor(lengths.columns.to_numpy(float)), torch.tensor(lengths.to_numpy(float)), [])
 
     def _beside(self, run: str) -> pd.DataFrame | None:
-        path = self.runs.set_index("run").loc[run, "path"]
-        episodes = read_columns(path / "evaluation" / "episodes.csv", ["scene", "shortest_path"])
+        file = self.episodes[run]
+        if not file.is_file():
+            self.notes.append(f"Run {run} keeps no evaluation/episodes.csv: no share of the front.")
+            return None
+        episodes = read_columns(file, ["scene", "shortest_path"])
         shortest = episodes.groupby("scene")["shortest_path"].first().to_numpy()
         known = self.front.length[:, 0].numpy()
         if shortest.shape != known.shape or not np.allclose(shortest, known, rtol=1e-3):
@@ -223,8 +232,7 @@ class Sweep:
         tables = self.of(self.agent, self.summaries)
         metrics = [name for name in PLOTTED if all(name in table for table in tables)]
         weights = [f"lambda_{name}" for name in tuneable_objectives(tables[0])]
-        paths = self.runs.loc[self.runs["setting"] == self.agent, "path"]
-        files = [path / "evaluation" / "episodes.csv" for path in paths]
+        files = self.of(self.agent, self.episodes)
         episodes = pd.concat([read_columns(file, [*weights, *metrics, "scene", "success"]) for file in files])
         late = [name for name in metrics if name in ONLY_SUCCESS]
         episodes[late] = episodes[late].where(episodes["success"].astype(bool))
@@ -233,7 +241,8 @@ class Sweep:
         tests = _test_extremes(scenes, metrics)
         tests["p_seeds"] = _test_extremes(seeds, metrics)["p_holm"]
         if len(tables) == 1:
-            return tables[0], tests
+            ends = [f"{name}{end}" for name in metrics for end in ENDS]
+            return read_columns(files[0].with_name("summary.csv"), ends), tests
         rows = []
         for point, group in seeds.groupby(weights, sort=False):
             ends = {name: np.maximum(mean_interval(group[name]), 0) for name in metrics}  # no distance is below 0

@@ -18,6 +18,7 @@ from morlnav.navigation.evaluation import (
     possible_table,
     summarise,
 )
+from morlnav.navigation.evaluation.metrics import frechet_column
 from morlnav.record.markdown import markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -56,6 +57,22 @@ def two_styles() -> str:
     return _table(head, ([seed, *_seed_row(path)] for seed, path in _seeds("two_styles").items()))
 
 
+def five_styles() -> str:
+    """A row for each of five styles with all weight, and the distance to each demonstration there."""
+    summary = _read(RESULTS / "five_objectives" / "seed_0", "summary")
+    names = [name.removeprefix("lambda_") for name in summary if name.startswith("lambda_")]
+    shown = [name for name in names if frechet_column(name) in summary]
+    rows = []
+    for name in names:
+        row = summary[summary[f"lambda_{name}"] == 1].iloc[0]
+        metres = [f"{row[frechet_column(other)]:.2f} m" for other in shown]
+        metres = [f"**{text}**" if other == name else text for other, text in zip(shown, metres, strict=True)]
+        rows.append([name, f"{row['SR']:.0f} %", *metres, f"{row['min_human_distance']:.2f} m"])
+        rows[-1].append(f"+{100 * (row['time_ratio'] - 1):.0f} %")
+    head = ["λ", "success", *(f"off {name}" for name in shown), "distance to human", "than shortest path"]
+    return _table(head, rows)
+
+
 def leave_one_out() -> str:
     """A row for each part that short runs left out, with a value for each seed, and one for the whole recipe."""
     runs: dict[str, dict[str, Path]] = {"nothing": {}}
@@ -77,6 +94,7 @@ TABLES = {
     "README.md": (styles, table_one),
     "docs/results.md": (styles, three_styles, worlds, no_refinement, two_styles),
     "docs/recipe.md": (leave_one_out,),
+    "docs/demonstrations.md": (five_styles,),
 }
 
 

@@ -2,7 +2,6 @@
 
 from morlnav.navigation.audit.behaviours import Behaviour, PathFollower, alternative_behaviours, paths_around
 from morlnav.navigation.audit.judge import RewardAudit
-from morlnav.navigation.audit.planner import PathPlanner, PlannedPath
 from morlnav.navigation.audit.report import write_audit
 from morlnav.navigation.audit.verdict import Audit, Thresholds, audit_reward
 
@@ -10,8 +9,6 @@ __all__ = [
     "Audit",
     "Behaviour",
     "PathFollower",
-    "PathPlanner",
-    "PlannedPath",
     "RewardAudit",
     "Thresholds",
     "alternative_behaviours",

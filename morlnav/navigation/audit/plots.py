@@ -14,7 +14,7 @@ from morlnav.navigation.record.plots import HUMAN, draw_scene, tidy
 from morlnav.record.colours import COLOURS, INK
 
 if TYPE_CHECKING:
-    from morlnav.navigation.audit.planner import PlannedPath
+    from morlnav.navigation.evaluation.planner import PlannedPath
 
 
 def plot_margins(behaviours: pd.DataFrame) -> Figure:
@@ -85,7 +85,7 @@ def plot_plans(
     """The path that a reward likes best in each scene, over the reward that the best motion earns at every place.
 
     Args:
-        planned: from :class:`~morlnav.navigation.audit.PathPlanner`.
+        planned: from :class:`~morlnav.navigation.evaluation.PathPlanner`.
         references: the target's path ``[L, 2]`` in each of these scenes, drawn dotted.
         human_radius: in metres.
         robot_radius: in metres; drawn as a ring around the start.

@@ -13,9 +13,9 @@ from torch import Tensor
 
 from morlnav.navigation.audit.behaviours import Behaviour, alternative_behaviours
 from morlnav.navigation.audit.noise import judge_noise, noisy_rollouts
-from morlnav.navigation.audit.planner import PathPlanner, PlannedPath
 from morlnav.navigation.envs import Transition
 from morlnav.navigation.evaluation.metrics import frechet_distance, winding
+from morlnav.navigation.evaluation.planner import PathPlanner, PlannedPath
 from morlnav.navigation.evaluation.possible import path_returns
 from morlnav.navigation.evaluation.references import reference_paths, without_boxes
 from morlnav.navigation.evaluation.rollout import Outcome, Rollouts, evaluation_scenes

@@ -3,6 +3,7 @@
 from morlnav.navigation.evaluation.evaluator import NavigationEvaluation, reward_terms
 from morlnav.navigation.evaluation.metrics import episode_metrics, frechet_distance
 from morlnav.navigation.evaluation.paths import shortest_path, shortest_polylines
+from morlnav.navigation.evaluation.planner import PathPlanner, PlannedPath
 from morlnav.navigation.evaluation.possible import ExactFront, best_utility, exact_front, possible_table
 from morlnav.navigation.evaluation.references import reference_paths
 from morlnav.navigation.evaluation.report import write_report
@@ -13,6 +14,8 @@ __all__ = [
     "ExactFront",
     "NavigationEvaluation",
     "Outcome",
+    "PathPlanner",
+    "PlannedPath",
     "Rollouts",
     "best_utility",
     "compare_extremes",

@@ -18,6 +18,7 @@ from morlnav.evaluation.pareto import utility
 from morlnav.navigation.envs import NavigationEnv, Objective, Transition
 from morlnav.navigation.evaluation.metrics import episode_metrics
 from morlnav.navigation.evaluation.paths import shortest_path
+from morlnav.navigation.evaluation.planner import PathPlanner
 from morlnav.navigation.evaluation.possible import EDGE, ExactFront, best_utility, exact_front, possible_table
 from morlnav.navigation.evaluation.references import reference_paths
 from morlnav.navigation.evaluation.report import sentences, write_report
@@ -134,8 +135,6 @@ class NavigationEvaluation(Evaluation):
 
     def plans(self, scenes: Scene) -> dict[str, list[Tensor]]:
         """The best path ``[L, 2]`` under each learned reward in each scene; takes seconds for each."""
-        from morlnav.navigation.audit import PathPlanner  # stands on this package
-
         paths = {}
         for name, term in self.terms.items():
             if isinstance(term, _Demonstrated):

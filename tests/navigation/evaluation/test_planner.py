@@ -3,9 +3,15 @@ import math
 import pytest
 import torch
 
-from morlnav.navigation.audit import PathPlanner
-from morlnav.navigation.audit.pose_grid import PoseGrid
-from morlnav.navigation.evaluation import Outcome, evaluation_scenes, frechet_distance, reference_paths, shortest_path
+from morlnav.navigation.evaluation import (
+    Outcome,
+    PathPlanner,
+    evaluation_scenes,
+    frechet_distance,
+    reference_paths,
+    shortest_path,
+)
+from morlnav.navigation.evaluation.pose_grid import PoseGrid
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import Lidar, Scene, SceneSampler, TensorWorld
 

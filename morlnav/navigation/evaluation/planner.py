@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-from morlnav.navigation.audit.pose_grid import PoseGrid
 from morlnav.navigation.evaluation.metrics import winding
+from morlnav.navigation.evaluation.pose_grid import PoseGrid
 from morlnav.navigation.evaluation.rollout import Outcome
 from morlnav.navigation.world import Scene, TensorWorld, World, without_human
 
@@ -55,7 +55,7 @@ class PlannedPath:
 class PathPlanner:
     """Finds the path that maximises baseline plus ``scale·(R̂(s, a) + offset)`` per step, boxes and human included.
 
-    Value iteration over a :class:`~morlnav.navigation.audit.pose_grid.PoseGrid`; between its points values are
+    Value iteration over a :class:`~morlnav.navigation.evaluation.pose_grid.PoseGrid`; between its points values are
     interpolated, linearly and only among those that are free. The horizon is finite and γ = 1, as in an episode with a
     time limit: a reward that pays for dawdling gets a path that dawdles. The path found is that of the greedy policy.
 

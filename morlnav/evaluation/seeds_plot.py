@@ -62,7 +62,7 @@ def plot_scores(table: pd.DataFrame) -> Figure:
         'success'
     """
     settings, scores = list(table["setting"].unique()), list(table["score"].unique())
-    size = (2.7 * len(scores) + 1.4, 0.32 * len(settings) + 1.1)
+    size = (2.7 * len(scores) + 0.5 + 0.09 * max(map(len, settings)), 0.32 * len(settings) + 1.1)
     figure = Figure(figsize=size, layout="constrained", facecolor="w")
     panels = figure.subplots(1, len(scores), sharey=True, squeeze=False)[0]
     for axes, score, letter in zip(panels, scores, "abcdefghij", strict=False):

@@ -54,7 +54,7 @@ class NavigationEvaluation(Evaluation):
         *,
         demonstrators: Mapping[str, Callable[[Tensor], Tensor]],
         max_steps: int = 250,
-        plan: bool = False,
+        plan: bool | None = None,
         **settings: Any,
     ) -> None:
         super().__init__(episodes, max_steps=max_steps, **settings)

@@ -60,7 +60,10 @@ class Report:
         if self.sweep.summaries:
             tables["table1"] = self.sweep.table_one()
         if len(next(iter(self.sweep.of(self.sweep.agent, self.sweep.summaries)), ())) > 1:
-            if all(file.is_file() for file in self.sweep.of(self.sweep.agent, self.sweep.episodes)):
+            kept, all_runs = (
+                self.sweep.of(self.sweep.agent, each) for each in (self.sweep.episodes, self.sweep.summaries)
+            )
+            if len(kept) == len(all_runs):
                 self.summary, tables["extremes"] = self.sweep.over_preferences()
             else:
                 self.notes.append(f"No Fig. 3 and 4: runs of {self.sweep.agent} keep no evaluation/episodes.csv.")
@@ -169,7 +172,7 @@ class Report:
 def _bounded(table: pd.DataFrame) -> pd.DataFrame:
     """Student's intervals of scores that have bounds, within these."""
     ends, least = ["mean_low", "mean_high"], table["score"].map(BOUNDED)
-    table[ends] = table[ends].clip(lower=least, upper=least.notna().map({True: 1.0, False: float("inf")}), axis=0)
+    table[ends] = table[ends].clip(lower=least, upper=least.where(least.isna(), 1.0), axis=0)
     return table
 
 

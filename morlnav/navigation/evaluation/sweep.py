@@ -88,8 +88,9 @@ class Sweep:
 
     @cached_property
     def episodes(self) -> dict[str, Path]:
-        """``episodes.csv`` of every run, where it keeps one."""
-        return {run.run: run.path / "evaluation" / "episodes.csv" for run in _rows(self.runs)}
+        """``episodes.csv`` of the runs that keep it."""
+        files = {run.run: run.path / "evaluation" / "episodes.csv" for run in _rows(self.runs)}
+        return {run: file for run, file in files.items() if file.is_file()}
 
     @cached_property
     def seconds(self) -> dict[str, dict[str, float]]:
@@ -133,11 +134,10 @@ class Sweep:
         return ExactFront(torch.tensor(lengths.columns.to_numpy(float)), torch.tensor(lengths.to_numpy(float)), [])
 
     def _beside(self, run: str) -> pd.DataFrame | None:
-        file = self.episodes[run]
-        if not file.is_file():
+        if run not in self.episodes:
             self.notes.append(f"Run {run} keeps no evaluation/episodes.csv: no share of the front.")
             return None
-        episodes = read_columns(file, ["scene", "shortest_path"])
+        episodes = read_columns(self.episodes[run], ["scene", "shortest_path"])
         shortest = episodes.groupby("scene")["shortest_path"].first().to_numpy()
         known = self.front.length[:, 0].numpy()
         if shortest.shape != known.shape or not np.allclose(shortest, known, rtol=1e-3):

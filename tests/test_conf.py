@@ -97,6 +97,7 @@ ANOTHER_VALUE = {  # where a class serves twice, or Python wants something else 
     "objectives/baseline:.env.objectives.baseline.static": "sums are tuneable, but for the baseline",
     "preferences/balanced:.corner": "another choice of the same class",
     "preferences/balanced:.edge": "another choice of the same class",
+    "preferences/keys:.noise": "another choice of the same class",
     "critic/navigation:.afterstate.lookahead": "looks at a lidar, which not every robot has",
     "demonstrations/slow_pass:.policy.clockwise": "the other side",
     "demonstrations/wait:.policy.clockwise": "the other side",

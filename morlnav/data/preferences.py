@@ -8,6 +8,7 @@ from math import prod
 
 import torch
 from torch import Tensor
+from torch.nn.functional import normalize
 
 from morlnav.limits import check_at_least
 from morlnav.simplex import simplex_grid
@@ -216,22 +217,34 @@ class GridPreferences(PreferenceSampler):
     Args:
         num_objectives: objectives ``n`` that a preference weighs.
         steps: equal steps between 0 and 1.
+        noise: each weight of a draw is off its grid point by up to so much, uniformly, before negative ones are set to
+            0 and all are divided by their sum.
+
+    Raises:
+        ValueError: for numbers out of range.
 
     Examples:
         >>> GridPreferences(3, steps=4)(16).shape
         torch.Size([16, 3])
     """
 
-    def __init__(self, num_objectives: int, steps: int) -> None:
+    def __init__(self, num_objectives: int, steps: int, noise: float = 0.0) -> None:
         super().__init__(num_objectives)
+        if not 0 <= noise < 1 / num_objectives:
+            raise ValueError(f"noise must be at least 0 and below 1 / num_objectives, got {noise}.")
         self.grid = simplex_grid(num_objectives, steps)
+        self.noise = noise
 
     def __call__(
         self, *batch_size: int, device: torch.device | str | None = None, generator: torch.Generator | None = None
     ) -> Tensor:
         """Draws preferences ``[*batch_size, n]``."""
         rows = torch.randint(len(self.grid), batch_size, device=device, generator=generator)
-        return self.grid.to(device)[rows]
+        drawn = self.grid.to(device)[rows]
+        if not self.noise:
+            return drawn
+        drawn = drawn + self.noise * (2 * torch.rand(drawn.shape, device=device, generator=generator) - 1)
+        return normalize(drawn.clamp(min=0), p=1, dim=-1)
 
 
 def _uniform(

@@ -104,6 +104,8 @@ hooks.log_episodes.interval=0                       | hooks.log_episodes.interva
 hooks.log_episodes.interval=nan                     | hooks.log_episodes.interval must be a finite number
 hooks.evaluate.interval=-1                          | hooks.evaluate.interval must be at least 1
 hooks.fit_interpolator.episodes=0                   | hooks.fit_interpolator.episodes must be at least 1
+hooks.fit_interpolator.keys=/nowhere                | /nowhere holds no policy.pt
+hooks.fit_interpolator.keys=results/default loss.terms.angle=null | FitInterpolator has keys, and no term
 rewards.num=0                                       | rewards.num must be at least 1
 rewards.scale=nan                                   | rewards.scale must be a finite number
 rewards.scale=0                                     | rewards.scale must be positive
@@ -241,6 +243,7 @@ objectives=[baseline,distance] +loss.scalarisation.scale.efficiency=1 | loss.sca
 preferences=fixed                                   | preferences.value is missing
 preferences=fixed preferences.value=[1]             | preferences: A fixed preference must be one number for each of 3
 preferences=grid preferences.steps=0                | preferences.steps must be at least 1
+preferences=keys preferences.noise=0.5              | preferences.noise must be at least 0 and below 1
 preferences=segments preferences.segments=0         | preferences.segments must be at least 1
 demonstrations=recorded                             | rewards.demonstrations.demo.path is missing
 demonstrations=recorded rewards.demonstrations.demo.path=/nowhere | /nowhere holds no demonstrations

@@ -28,6 +28,7 @@ SAMPLERS = [
     CornerWeightedPreferences(5, 0.5, 0.5),
     FixedPreferences([0.2, 0.3, 0.5]),
     GridPreferences(3, 10),
+    GridPreferences(3, 4, noise=0.05),
     UniformPreferences(1),
     DirichletPreferences(1, 0.5),
     SegmentedPreferences(1, 3),
@@ -136,6 +137,15 @@ def test_corners_and_edges_are_visited_evenly():
 def test_grid_draws_are_rows_of_the_grid():
     drawn = GridPreferences(3, 4)(2000).unique(dim=0)
     assert torch.equal(drawn, simplex_grid(3, 4))
+
+
+def test_noisy_grid_draws_are_near_rows_of_the_grid_on_all_sides():
+    drawn = GridPreferences(2, 2, noise=0.1)(4000)[:, 0]
+    middle = drawn[(drawn > 0.25) & (drawn < 0.75)]
+    low, high = 0.4 / (0.4 + 0.6), 0.6 / (0.6 + 0.4)  # both weights are off by 0.1, in opposite directions
+    assert low <= middle.min() < low + 0.01 and high - 0.01 < middle.max() <= high
+    assert drawn.min() == 0 and drawn.max() == 1
+    assert (middle - 0.5).mean().abs() < 0.01
 
 
 def test_a_fixed_draw_can_be_written_to_without_changing_the_next():

@@ -6,6 +6,7 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs import Compose, StepCounter, TransformedEnv
 
 from morlnav.data import UniformPreferences
+from morlnav.deployment import save
 from morlnav.evaluation import Evaluation
 from morlnav.evaluation.evaluator import HELD_OUT
 from morlnav.modules import Actor, PreferenceInterpolator, VectorCritic
@@ -57,8 +58,9 @@ def make_trainer(interpolator):
     )
 
 
-def make_hook(trainer, interval):
-    hook = FitInterpolator(interval, episodes=6, evaluation=make_evaluation(), policy=trainer.policy)
+def make_hook(trainer, interval, keys=None):
+    settings = {"evaluation": make_evaluation(), "policy": trainer.policy, "objectives": ("distance", "efficiency")}
+    hook = FitInterpolator(interval, 6, keys, **settings)
     hook.register(trainer)
     return hook
 
@@ -89,6 +91,50 @@ def test_it_waits_until_enough_frames_have_passed():
     trainer = make_trainer(PreferenceInterpolator(2, steps=1))
     make_hook(trainer, interval=101)()
     assert not trainer.loss_module.terms["angle"].interpolator.ready
+
+
+def save_driver(directory, objectives=("distance", "efficiency")):
+    """A policy that stands still, in a run directory."""
+    actor = Actor(2, depth=1, **ROBOT)
+    torch.nn.init.zeros_(actor.mlp[-1].weight)
+    actor.mlp[-1].bias.data = torch.tensor([-20.0, 0.0])  # v = 0
+    save(actor, objectives, directory)
+
+
+def test_keys_are_first_measured_of_a_policy_that_learned_them_before(tmp_path):
+    save_driver(tmp_path)
+    trainer = make_trainer(PreferenceInterpolator(2, steps=1))
+    interpolator = trainer.loss_module.terms["angle"].interpolator
+    hook = make_hook(trainer, interval=50, keys=str(tmp_path))
+    hook()
+    standing = interpolator.values.clone()
+    assert interpolator.ready and trainer.logged["optim/key_utility"][1] == 100
+    assert (standing[:, 0].abs() < 1e-3).all()  # who stands still neither comes nearer nor collides
+
+    trainer.collected_frames = 149
+    hook()  # not due yet
+    assert torch.equal(interpolator.values, standing)
+    trainer.collected_frames = 150
+    hook()
+    assert not torch.equal(interpolator.values, standing)  # of the policy that learns now
+
+    resumed = make_hook(make_trainer(PreferenceInterpolator(2, steps=1)), interval=50, keys=str(tmp_path))
+    resumed.load_state_dict(hook.state_dict())
+    resumed.trainer.collected_frames = 199
+    resumed()
+    assert resumed.trainer.logged == {}  # they are measured once
+
+
+def test_keys_of_other_objectives_are_refused(tmp_path):
+    save_driver(tmp_path, ("efficiency", "distance"))
+    with pytest.raises(ValueError, match="weighs efficiency, distance, not distance, efficiency"):
+        make_hook(make_trainer(PreferenceInterpolator(2, steps=1)), interval=1, keys=str(tmp_path))
+
+
+def test_keys_that_serve_nothing_are_refused(tmp_path):
+    save_driver(tmp_path)
+    with pytest.raises(ValueError, match="has keys, and no term of the loss an interpolator"):
+        make_hook(make_trainer(None), interval=1, keys=str(tmp_path))
 
 
 def test_a_loss_without_an_interpolator_costs_no_roll_out():

@@ -51,8 +51,9 @@ def load_settings(source: Runs) -> pd.DataFrame:
 
     Returns:
         A row per run: ``run``; ``path``, its directory; ``seed``; and ``setting``: the word of the group ``ablation``,
-        as ``no_human``, then other words of the command line in which runs differ, and what else differs, but seeds.
-        So the runs of a setting differ in nothing but their seed. ``ablation`` is the word of that group alone.
+        as ``no_human``, then other words of the command line in which runs differ, and what else differs, but seeds
+        and what more than half of all settings have alike. So the runs of a setting differ in nothing but their seed.
+        ``ablation`` is the word of that group alone.
 
     Raises:
         FileNotFoundError: if there are no runs.
@@ -68,10 +69,20 @@ def load_settings(source: Runs) -> pd.DataFrame:
     settings = configs.drop(columns=[name for name in configs if name.split(".")[-1] == "seed"])
     same = pd.concat([words, pd.Series(ablations, name="ablation")], axis=1).astype(str).agg(", ".join, axis=1)
     rest = settings.loc[:, settings.groupby(same).nunique(dropna=False).max() > 1]
-    others = pd.concat([words, rest.drop(columns=list(words), errors="ignore")], axis=1).to_dict("records")
-    named = [", ".join(f"{key}={value}" for key, value in row.items()) for row in others]
-    if len(set(ablations)) > 1 or not any(named):
-        named = [", ".join(filter(None, pair)) for pair in zip(ablations, named, strict=True)]
+    others = pd.concat([words, rest.drop(columns=list(words), errors="ignore")], axis=1).astype(str)
+    distinct = others.assign(ablation=ablations).drop_duplicates()
+    usual = {
+        key: value for key in others if 2 * (distinct[key] == (value := distinct[key].mode()[0])).sum() > len(distinct)
+    }
+    unusual = [
+        ", ".join(f"{key}={value}" for key, value in row.items() if value != usual.get(key))
+        for row in others.to_dict("records")
+    ]
+    several = len(set(ablations)) > 1
+    named = [
+        ", ".join(filter(None, (word if several or not rest else "", rest)))
+        for word, rest in zip(ablations, unusual, strict=True)
+    ]
     kept = {"run": list(runs), "path": list(runs.values()), "seed": configs.get("seed")}
     return pd.DataFrame(kept | {"setting": named, "ablation": ablations})
 

@@ -149,15 +149,20 @@ def test_other_words_and_what_no_word_explains_are_named_too(tmp_path):
     for number, (ablation, clip, gamma) in enumerate([("our", 0.5, 0.9), ("our", 1.0, 0.9), ("no_angle", 0.5, 0.8)]):
         run = make_run(tmp_path / f"{number}", loss={"noise_clip": clip, "gamma": gamma})
         type_words(run, f"ablation={ablation}", f"loss.noise_clip={clip}")
-    assert load_settings(tmp_path)["setting"].tolist() == [
-        "our, loss.noise_clip=0.5",
-        "our, loss.noise_clip=1.0",
-        "no_angle, loss.noise_clip=0.5",
-    ]
+    assert load_settings(tmp_path)["setting"].tolist() == ["our", "our, loss.noise_clip=1.0", "no_angle"]
     assert load_settings([tmp_path / "0", tmp_path / "1"])["setting"].tolist()[0] == "loss.noise_clip=0.5"
     untold = [make_run(tmp_path / name, loss={"gamma": gamma}) for name, gamma in {"a": 0.9, "b": 0.8}.items()]
     assert load_settings(untold)["setting"].tolist() == ["loss.gamma=0.9", "loss.gamma=0.8"]
     assert load_settings(untold[:1])["setting"].tolist() == ["our"]
+
+
+def test_what_half_of_the_settings_have_alike_is_named(tmp_path):
+    tried = [("our", 0.5), ("our", 1.0), ("no_angle", 0.5), ("no_angle", 1.0)]
+    for number, (ablation, clip) in enumerate([*tried, tried[0], tried[0]]):  # more seeds of one are one setting
+        run = make_run(tmp_path / f"{number}", loss={"noise_clip": clip}, seed=number)
+        type_words(run, f"ablation={ablation}", f"loss.noise_clip={clip}")
+    named = [f"{ablation}, loss.noise_clip={clip}" for ablation, clip in tried]
+    assert load_settings(tmp_path)["setting"].tolist() == [*named, named[0], named[0]]
 
 
 def test_what_hydra_noted_may_be_damaged(tmp_path):

@@ -14,10 +14,17 @@ import pandas as pd
 import torch
 from torch import Tensor, nn
 
-from morlnav.navigation.evaluation import episode_metrics, evaluation_scenes, exact_front, possible_table
+import morlnav
+from morlnav.navigation.envs.rewards import Efficiency
+from morlnav.navigation.evaluation import (
+    episode_metrics,
+    evaluate_policy,
+    evaluation_scenes,
+    exact_front,
+    possible_table,
+)
 from morlnav.navigation.world import Scene
 from morlnav.record.markdown import markdown_table
-from morlnav.runs import Run
 
 ROBOT, HUMAN, GOAL, RANGE = 0.18, 0.3, 0.35, 4.0  # m
 TIME_LIMIT, STEP, EULER = 50.0, 0.2, 0.01  # s
@@ -108,19 +115,20 @@ def compare(run: str | Path, scenes: Scene, steps: int = 10) -> pd.DataFrame:
     Returns:
         Columns ``success``, ``min_human_distance`` in metres at λ = distance, and ``front_share``, all from 0 to 1.
     """
-    run = Run(run)
-    evaluation, names, front = run.evaluation, run.evaluation.objectives, exact_front(scenes)
+    policy, front = morlnav.load(run), exact_front(scenes)
+    names = policy.objectives
     preferences = torch.zeros(steps + 1, len(names))
     preferences[:, names.index("distance")] = torch.linspace(0, 1, steps + 1)
     preferences[:, names.index("efficiency")] = 1 - preferences[:, names.index("distance")]
 
-    rollouts = evaluation.drive(run.policy, scenes, preferences)
-    here = episode_metrics(rollouts, evaluation.rewards, world=evaluation.env.world, shortest=front.length[:, 0])
+    paid = dict.fromkeys(names, Efficiency())  # which is no matter here
+    rollouts = evaluate_policy(policy, scenes, preferences, objectives=paid)
+    here = episode_metrics(rollouts, list(paid), shortest=front.length[:, 0])
     shared = [*(f"lambda_{name}" for name in names), "success", "min_human_distance"]
     here = here[shared].assign(time_ratio=here["time_ratio"].where(here["success"]))
 
     every = preferences.repeat_interleave(len(scenes), 0)
-    there = Simulator(torch.cat([scenes] * len(preferences))).drive(run.policy, every)
+    there = Simulator(torch.cat([scenes] * len(preferences))).drive(policy, every)
     there["time_ratio"] = 0.5 * there["time"] / front.length[:, 0].repeat(len(preferences)).numpy()
     there = there.assign(**{f"lambda_{name}": every[:, i].numpy() for i, name in enumerate(names)})
     rows = []

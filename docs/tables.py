@@ -75,13 +75,20 @@ def five_styles() -> str:
 
 def leave_one_out() -> str:
     """A row for each part that short runs left out, with a value for each seed, and one for the whole recipe."""
-    runs: dict[str, dict[str, Path]] = {"nothing": {}}
-    for path in sorted((RESULTS / "leave_one_out").iterdir()):
-        name, seed = path.name.rsplit("_", 1)
-        runs.setdefault("nothing" if name == "our" else name, {})[seed] = path
-    head = ["left out", "seeds", "of the front", "excess", "distance to human", "than shortest path"]
-    head += ["off demonstration", "where free", "success"]
-    return _table(head, ([f"`{name}`", ", ".join(seeds), *_short_row(seeds.values())] for name, seeds in runs.items()))
+    return _short_runs("left out", _named("leave_one_out"))
+
+
+def choices() -> str:
+    """A row for each choice of the paper's in which the recipe differs, alone in short runs of the recipe."""
+    kept, ours = _named("leave_one_out"), _named("choices")
+    shared = (
+        "nothing",
+        "no_angle",
+        "no_interpolator",
+        "replay.transforms.relabel.share=0.75",
+        "loss.loss_function=smooth_l1",
+    )
+    return _short_runs("the paper's choice", {name: kept[name] for name in shared} | ours)
 
 
 def table_one() -> str:
@@ -94,6 +101,7 @@ TABLES = {
     "README.md": (styles, table_one),
     "docs/results.md": (styles, three_styles, worlds, no_refinement, two_styles),
     "docs/recipe.md": (leave_one_out,),
+    "docs/paper.md": (choices,),
     "docs/demonstrations.md": (five_styles,),
 }
 
@@ -111,6 +119,21 @@ def _by_run(label: str, runs: dict[str, Path]) -> str:
     head = [label, "off demonstration", "human on right", "distance to human", "than shortest path"]
     head += ["all: success", "collision", "timeout", *(f"ρ {name}" for name in STYLES), "of the front", "excess"]
     return _table(head, ([name, *_seed_row(path)] for name, path in runs.items()))
+
+
+def _named(folder: str) -> dict[str, dict[str, Path]]:
+    """Short runs by what they tried, and by seed."""
+    runs: dict[str, dict[str, Path]] = {"nothing": {}} if folder == "leave_one_out" else {}
+    for path in sorted((RESULTS / folder).iterdir()):
+        name, seed = path.name.rsplit("_", 1)
+        runs.setdefault("nothing" if name == "our" else name, {})[seed] = path
+    return runs
+
+
+def _short_runs(label: str, runs: dict[str, dict[str, Path]]) -> str:
+    head = [label, "seeds", "of the front", "excess", "distance to human", "than shortest path"]
+    head += ["off demonstration", "where free", "success"]
+    return _table(head, ([f"`{name}`", ", ".join(seeds), *_short_row(seeds.values())] for name, seeds in runs.items()))
 
 
 def _seed_row(run: Path) -> list[str]:

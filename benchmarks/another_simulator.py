@@ -15,15 +15,17 @@ import torch
 from torch import Tensor, nn
 
 import morlnav
+from morlnav.deployment import Policy
 from morlnav.navigation.envs.rewards import Efficiency
 from morlnav.navigation.evaluation import (
+    ExactFront,
     episode_metrics,
     evaluate_policy,
     evaluation_scenes,
     exact_front,
     possible_table,
 )
-from morlnav.navigation.world import Scene
+from morlnav.navigation.world import Scene, TensorWorld
 from morlnav.record.markdown import markdown_table
 
 ROBOT, HUMAN, GOAL, RANGE = 0.18, 0.3, 0.35, 4.0  # m
@@ -104,25 +106,32 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
-def compare(run: str | Path, scenes: Scene, steps: int = 10) -> pd.DataFrame:
+def compare(policy: Policy, scenes: Scene, front: ExactFront, steps: int = 10) -> pd.DataFrame:
     """A policy between distance and efficiency, a row for each simulator.
 
     Args:
-        run: directory of a policy for these two styles, among others.
+        policy: for these two styles, among others.
         scenes: to drive in, ``[S]``.
+        front: of these scenes.
         steps: of the weights between both.
 
     Returns:
-        Columns ``success``, ``min_human_distance`` in metres at λ = distance, and ``front_share``, all from 0 to 1.
+        Columns ``success`` and ``front_share``, from 0 to 1, and ``min_human_distance`` in metres at λ = distance.
+
+    Raises:
+        ValueError: if the policy lacks one of the styles.
     """
-    policy, front = morlnav.load(run), exact_front(scenes)
+    if lacking := {"distance", "efficiency"} - set(policy.objectives):
+        raise ValueError(
+            f"The policy weighs {', '.join(policy.objectives)}, but no {' and no '.join(sorted(lacking))}."
+        )
     names = policy.objectives
     preferences = torch.zeros(steps + 1, len(names))
     preferences[:, names.index("distance")] = torch.linspace(0, 1, steps + 1)
     preferences[:, names.index("efficiency")] = 1 - preferences[:, names.index("distance")]
 
     paid = dict.fromkeys(names, Efficiency())  # which is no matter here
-    rollouts = evaluate_policy(policy, scenes, preferences, objectives=paid)
+    rollouts = evaluate_policy(policy, scenes, preferences, world=TensorWorld(check_interval=EULER), objectives=paid)
     here = episode_metrics(rollouts, list(paid), shortest=front.length[:, 0])
     shared = [*(f"lambda_{name}" for name in names), "success", "min_human_distance"]
     here = here[shared].assign(time_ratio=here["time_ratio"].where(here["success"]))
@@ -148,13 +157,14 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=100)
     arguments = parser.parse_args()
     scenes = evaluation_scenes(arguments.scenes, seed=12345)
-    rows = []
+    front, rows = exact_front(scenes), []
     for run in arguments.runs:
-        table = compare(run, scenes)
+        table = compare(morlnav.load(run), scenes, front)
         metres = table.pop("min_human_distance").map("{:.2f} m".format)
         success, share = (table[name].map("{:.1%}".format) for name in ("success", "front_share"))
         rows.append([f"`{run}`", *(" / ".join(values) for values in (success, metres, share))])
-    print(markdown_table(["run", "success", "distance to human", "of the front"], rows, (":--", "--:")))
+    names = ("success", "distance to human", "of the front")
+    print(markdown_table(["run", *(f"{name}, here / there" for name in names)], rows, (":--", "--:")))
 
 
 if __name__ == "__main__":

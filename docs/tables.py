@@ -101,7 +101,6 @@ TABLES = {
     "README.md": (styles, table_one),
     "docs/results.md": (styles, three_styles, worlds, no_refinement, two_styles),
     "docs/recipe.md": (leave_one_out,),
-    "docs/paper.md": (choices,),
     "docs/demonstrations.md": (five_styles,),
 }
 
@@ -111,7 +110,10 @@ def renewed(page: str) -> str:
     text = (ROOT / page).read_text()
     for table in TABLES[page]:
         name = table.__name__
-        text = re.sub(f"(<!-- {name} -->\n).*?(<!-- end -->)", rf"\1\n{table()}\n\n\2", text, flags=re.DOTALL)
+        found = f"(<!-- {name} -->\n).*?(<!-- end -->)"
+        text, places = re.subn(found, rf"\1\n{table()}\n\n\2", text, flags=re.DOTALL)
+        if places != 1:
+            raise ValueError(f"{page} has {places} places for the table {name}.")
     return text
 
 

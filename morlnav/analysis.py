@@ -67,9 +67,9 @@ def load_settings(source: Runs) -> pd.DataFrame:
     configs, words, ablations = _words(runs)
     words = words.drop(columns=["seed", "ablation"], errors="ignore")
     settings = configs.drop(columns=[name for name in configs if name.split(".")[-1] == "seed"])
-    same = pd.concat([words, pd.Series(ablations, name="ablation")], axis=1).astype(str).agg(", ".join, axis=1)
+    same = pd.concat([words, pd.Series(ablations, name="ablation")], axis=1).map(_text).agg(", ".join, axis=1)
     rest = settings.loc[:, settings.groupby(same).nunique(dropna=False).max() > 1]
-    others = pd.concat([words, rest.drop(columns=list(words), errors="ignore")], axis=1).astype(str)
+    others = pd.concat([words, rest.drop(columns=list(words), errors="ignore")], axis=1).map(_text)
     distinct = others.assign(ablation=ablations).drop_duplicates()
     usual = {
         key: value for key in others if 2 * (distinct[key] == (value := distinct[key].mode()[0])).sum() > len(distinct)
@@ -238,10 +238,15 @@ def _differences(runs: dict[str, Path]) -> pd.DataFrame:
     A word such as ``ablation=no_human`` stands for all that it changes.
     """
     configs, typed, _ = _words(runs)
-    same = typed.map(str).agg(", ".join, axis=1) if len(typed.columns) else pd.Series("", configs.index)
+    same = typed.map(_text).agg(", ".join, axis=1) if len(typed.columns) else pd.Series("", configs.index)
     unexplained = configs.groupby(same).nunique(dropna=False).max() > 1
     rest = configs.loc[:, unexplained].drop(columns=list(typed), errors="ignore")
     return pd.concat([pd.Series(list(runs), name="run"), typed, rest], axis=1)
+
+
+def _text(value: object) -> str:
+    """A setting as it is typed; one that a version of the code did not know is null."""
+    return "null" if pd.isna(value) else str(value)
 
 
 def _words(runs: dict[str, Path]) -> tuple[pd.DataFrame, pd.DataFrame, list[str]]:

@@ -165,6 +165,20 @@ def test_what_half_of_the_settings_have_alike_is_named(tmp_path):
     assert load_settings(tmp_path)["setting"].tolist() == [*named, named[0], named[0]]
 
 
+def test_what_most_settings_leave_out_is_not_named(tmp_path):
+    for number, (gamma, keys) in enumerate([(0.8, None), (0.9, None), (0.95, None), (0.8, "outputs/keys")]):
+        run = make_run(tmp_path / f"{number}", loss={"gamma": gamma}, keys=keys)
+        type_words(run, f"loss.gamma={gamma}", *([f"keys={keys}"] if keys else []))
+    make_run(tmp_path / "old", loss={"gamma": 0.99})  # of a version without keys
+    assert load_settings(tmp_path)["setting"].tolist() == [
+        "loss.gamma=0.8",
+        "loss.gamma=0.9",
+        "loss.gamma=0.95",
+        "loss.gamma=0.8, keys=outputs/keys",
+        "loss.gamma=0.99",
+    ]
+
+
 def test_what_hydra_noted_may_be_damaged(tmp_path):
     type_words(make_run(tmp_path / "0"), "seed=0")
     (tmp_path / "0" / ".hydra" / "hydra.yaml").write_text("[]")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -126,13 +126,13 @@ def save(actor: nn.Module, objectives: Sequence[str], directory: str | Path) -> 
     save_module(actor, Path(directory) / POLICY_FILE, {"objectives": list(objectives)})
 
 
-def load(directory: str | Path, trust: bool = False, device: str = "cpu") -> Policy:
+def load(directory: str | Path, trust: bool | Collection[str] = False, device: str = "cpu") -> Policy:
     """Load the policy of a run directory.
 
     Args:
         directory: where a run wrote its ``policy.pt`` and ``policy.json``.
-        trust: also build classes from outside ``morlnav`` that the policy is made of. Only for runs of your own:
-            building a class runs its code.
+        trust: also build classes from outside ``morlnav`` that the policy is made of: all, which is only for runs of
+            your own, for building a class runs its code; or those of these names.
         device: where to put it, wherever it was trained.
 
     Returns:

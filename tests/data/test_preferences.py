@@ -143,8 +143,10 @@ def test_noisy_grid_draws_are_near_rows_of_the_grid_on_all_sides():
     drawn = GridPreferences(2, 2, noise=0.1)(4000)[:, 0]
     middle = drawn[(drawn > 0.25) & (drawn < 0.75)]
     low, high = 0.4 / (0.4 + 0.6), 0.6 / (0.6 + 0.4)  # both weights are off by 0.1, in opposite directions
-    assert low <= middle.min() < low + 0.01 and high - 0.01 < middle.max() <= high
-    assert drawn.min() == 0 and drawn.max() == 1
+    assert low <= middle.min() < low + 0.01
+    assert high - 0.01 < middle.max() <= high
+    assert drawn.min() == 0
+    assert drawn.max() == 1
     assert (middle - 0.5).mean().abs() < 0.01
 
 

@@ -60,6 +60,7 @@ def make_trainer(interpolator):
 
 def make_hook(trainer, interval, keys=None):
     settings = {"evaluation": make_evaluation(), "policy": trainer.policy, "objectives": ("distance", "efficiency")}
+    settings["size"] = 34
     hook = FitInterpolator(interval, 6, keys, **settings)
     hook.register(trainer)
     return hook
@@ -93,42 +94,70 @@ def test_it_waits_until_enough_frames_have_passed():
     assert not trainer.loss_module.terms["angle"].interpolator.ready
 
 
-def save_driver(directory, objectives=("distance", "efficiency")):
+def save_driver(directory, objectives=("distance", "efficiency"), features=34):
     """A policy that stands still, in a run directory."""
-    actor = Actor(2, depth=1, **ROBOT)
+    actor = Actor(2, depth=1, **ROBOT | {"features": features})
     torch.nn.init.zeros_(actor.mlp[-1].weight)
     actor.mlp[-1].bias.data = torch.tensor([-20.0, 0.0])  # v = 0
     save(actor, objectives, directory)
 
 
-def test_keys_are_first_measured_of_a_policy_that_learned_them_before(tmp_path):
+def test_each_key_keeps_the_best_value_of_two_policies(tmp_path):
     save_driver(tmp_path)
-    trainer = make_trainer(PreferenceInterpolator(2, steps=1))
+    keys = [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0]]
+    trainer = make_trainer(PreferenceInterpolator(2, preferences=keys))
     interpolator = trainer.loss_module.terms["angle"].interpolator
     hook = make_hook(trainer, interval=50, keys=str(tmp_path))
-    hook()
-    standing = interpolator.values.clone()
-    assert interpolator.ready and trainer.logged["optim/key_utility"][1] == 100
+    hook()  # long before it is due
+    evaluation, weights = make_evaluation(), torch.tensor([[1.0, *key] for key in keys])
+    standing, driving = (
+        evaluation.returns(policy, torch.tensor(keys), 6, 8, 0.9).mean(1)
+        for policy in (hook.policies[1], trainer.policy)
+    )
     assert (standing[:, 0].abs() < 1e-3).all()  # who stands still neither comes nearer nor collides
+    both = torch.cat([driving, standing])
+    torch.testing.assert_close(interpolator.values, both[(weights @ both.mT).argmax(-1)])
+    assert not torch.equal(interpolator.values, driving)
+    assert trainer.logged["optim/key_utility"] == (
+        pytest.approx((weights * driving).sum(-1).mean().item(), rel=1e-4),
+        100,
+    )
 
-    trainer.collected_frames = 149
-    hook()  # not due yet
-    assert torch.equal(interpolator.values, standing)
-    trainer.collected_frames = 150
-    hook()
-    assert not torch.equal(interpolator.values, standing)  # of the policy that learns now
-
+    trainer.logged.clear()
+    for frames, due in ((149, False), (150, True)):
+        trainer.collected_frames = frames
+        hook()
+        assert bool(trainer.logged) is due
     resumed = make_hook(make_trainer(PreferenceInterpolator(2, steps=1)), interval=50, keys=str(tmp_path))
     resumed.load_state_dict(hook.state_dict())
     resumed.trainer.collected_frames = 199
     resumed()
-    assert resumed.trainer.logged == {}  # they are measured once
+    assert resumed.trainer.logged == {}
 
 
 def test_keys_of_other_objectives_are_refused(tmp_path):
     save_driver(tmp_path, ("efficiency", "distance"))
     with pytest.raises(ValueError, match="weighs efficiency, distance, not distance, efficiency"):
         make_hook(make_trainer(PreferenceInterpolator(2, steps=1)), interval=1, keys=str(tmp_path))
+
+
+def test_a_policy_of_keys_that_sees_other_things_is_refused(tmp_path):
+    save_driver(tmp_path, features=32)
+    with pytest.raises(ValueError, match="cannot drive here"):
+        make_hook(make_trainer(PreferenceInterpolator(2, steps=1)), interval=1, keys=str(tmp_path))
+
+
+class Calm(Actor):
+    """An actor of one's own."""
+
+
+def test_a_policy_of_ones_own_class_is_trusted_where_it_learns_too(tmp_path):
+    save(Calm(2, depth=1, **ROBOT), ("distance", "efficiency"), tmp_path)
+    trainer = make_trainer(PreferenceInterpolator(2, steps=1))
+    with pytest.raises(ValueError, match="names the foreign class"):
+        make_hook(trainer, interval=1, keys=str(tmp_path))
+    trainer.policy = Calm(2, depth=1, **ROBOT)
+    assert isinstance(make_hook(trainer, interval=1, keys=str(tmp_path)).policies[1], Calm)
 
 
 def test_keys_that_serve_nothing_are_refused(tmp_path):

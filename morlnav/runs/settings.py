@@ -7,6 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from morlnav.deployment.policy import POLICY_FILE
@@ -98,14 +99,14 @@ class Settings:
         if not kept and not begun:
             return
         load_config(self.directory)  # names a config that is missing or damaged
+        sweep = HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
+        other = f"choose another hydra.{'sweep' if sweep else 'run'}.dir."
         if changed := self.changed():
-            raise ValueError(
-                f"{self.directory} holds a run of another config ({_some(changed)}); choose another hydra.run.dir."
-            )
+            raise ValueError(f"{self.directory} holds a run of another config ({_some(changed)}); {other}")
         if kept:
             raise ValueError(
                 f"{self.directory} holds {kept[0]} of this run already; continue it with resume={self.directory}, or "
-                f"choose another hydra.run.dir."
+                f"{other}"
             )
 
     def refuse_new_defaults(self) -> None:

@@ -106,9 +106,9 @@ class Sweep:
 
     @cached_property
     def agent(self) -> str:
-        """The setting that figures show: ``our``, or else the first that several preferences steer."""
+        """The setting that figures show: ``our``, plain if it is there, or else the first that several λ steer."""
         steered = [name for name in self.settings if len(next(iter(self.of(name, self.fronts)))) > 1]
-        ours = [name for name in steered if self.ablation[name] == "our"]
+        ours = sorted((name for name in steered if self.ablation[name] == "our"), key=lambda name: name != "our")
         return (ours or steered or self.settings)[0]
 
     @cached_property

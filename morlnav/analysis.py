@@ -227,7 +227,8 @@ def _join(runs: dict[str, Path], tables: dict[str, pd.DataFrame], wanted: str) -
     settings = _differences(runs)
     tables = {name: table for name, table in tables.items() if len(table)}
     if not tables:
-        raise FileNotFoundError(f"None of the runs {', '.join(runs)} has {wanted}.")
+        named = ", ".join(runs) if len(runs) < 4 else f"in {', '.join(list(runs)[:3])} and {len(runs) - 3} more folders"
+        raise FileNotFoundError(f"None of the runs {named} has {wanted}.")
     stacked = pd.concat(tables, names=["run"]).reset_index("run")
     return settings.merge(stacked, on="run")
 

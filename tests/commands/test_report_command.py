@@ -196,12 +196,12 @@ def test_a_sweep_says_what_is_missing(tmp_path):
     assert any("No run keeps evaluation/exact_front.csv" in note for note in sweep.notes)
 
 
-def test_figures_show_the_plain_agent_wherever_its_run_lies(tmp_path):
+def test_the_plain_agent_comes_first_wherever_its_run_lies(tmp_path):
     for number, (tau, gamma) in enumerate([(0.2, 0.9), (0.1, 0.9), (0.1, 0.95)]):
         run = keep(tmp_path / f"{number}", "our", 0, 1.1)
         (run / "config.yaml").write_text(yaml.safe_dump({"seed": 0, "tau": tau, "gamma": gamma}))
     sweep = Sweep(tmp_path)
-    assert sweep.settings == ["tau=0.2", "our", "gamma=0.95"]
+    assert sweep.settings == ["our", "tau=0.2", "gamma=0.95"]
     assert sweep.agent == "our"
 
 

@@ -33,7 +33,7 @@ class Sweep:
     Attributes:
         runs: a row per evaluated run, as of :func:`~morlnav.analysis.load_settings`; no setting has a seed twice.
         ablation: the word of that group of each setting.
-        settings: those with the same word beside each other, as the same agent of two recipes.
+        settings: those with the same word beside each other, the plain word first, as the same agent of two recipes.
         possible: every run beside the exact front (see :func:`possible_table`), if it drove in the front's scenes.
         notes: sentences on what is missing.
 
@@ -56,8 +56,9 @@ class Sweep:
                 f"None of the runs {', '.join(runs['run'])} is evaluated; finish one, or use morlnav-evaluate."
             )
         kept = runs[done & ~again]
-        kept = kept.sort_values("ablation", key=lambda words: words.map(list(words.unique()).index), kind="stable")
-        self.runs = kept.reset_index(drop=True)
+        words = list(kept["ablation"].unique())
+        order = kept["ablation"].map(words.index) + 0.5 * (kept["setting"] != kept["ablation"])
+        self.runs = kept.loc[order.sort_values(kind="stable").index].reset_index(drop=True)
         self.ablation = dict(self.runs[["setting", "ablation"]].to_numpy())
         self.settings = list(self.ablation)
         self.notes = [
@@ -108,7 +109,7 @@ class Sweep:
     def agent(self) -> str:
         """The setting that figures show: ``our``, plain if it is there, or else the first that several λ steer."""
         steered = [name for name in self.settings if len(next(iter(self.of(name, self.fronts)))) > 1]
-        ours = sorted((name for name in steered if self.ablation[name] == "our"), key=lambda name: name != "our")
+        ours = [name for name in steered if self.ablation[name] == "our"]
         return (ours or steered or self.settings)[0]
 
     @cached_property

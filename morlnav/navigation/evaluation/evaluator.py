@@ -11,6 +11,7 @@ import pandas as pd
 import torch
 from torch import Tensor, nn
 from torchrl.envs import EnvBase, TransformedEnv
+from tqdm import tqdm
 
 from morlnav.data import simplex_grid
 from morlnav.evaluation import Evaluation, eval_env, preference_label
@@ -142,7 +143,8 @@ class NavigationEvaluation(Evaluation):
                 planner = PathPlanner(
                     learned.scale, learned.offset, env.world, env.observe_human, max_steps=self.max_steps
                 )
-                paths[name] = [planner(learned.reward_model, scene).path for scene in scenes]
+                shown = tqdm(scenes, desc=f"plans for {name}", leave=False, disable=None)  # where somebody looks
+                paths[name] = [planner(learned.reward_model, scene).path for scene in shown]
         return paths
 
     def returns(

@@ -80,15 +80,12 @@ def leave_one_out() -> str:
 
 def choices() -> str:
     """A row for each choice of the paper's in which the recipe differs, alone in short runs of the recipe."""
-    kept, ours = _named("leave_one_out"), _named("choices")
-    shared = (
-        "nothing",
-        "no_angle",
-        "no_interpolator",
-        "replay.transforms.relabel.share=0.75",
-        "loss.loss_function=smooth_l1",
+    kept = _named("leave_one_out")
+    plain = ("products=float32", "replay.transforms.relabel.share=0.75", "loss.loss_function=smooth_l1")
+    before, after = (
+        {name: kept[name] for name in names} for names in (plain, ("nothing", "no_angle", "no_interpolator"))
     )
-    return _short_runs("the paper's choice", {name: kept[name] for name in shared} | ours)
+    return _short_runs("the paper's choice", before | _named("choices") | after)
 
 
 def table_one() -> str:
@@ -101,6 +98,7 @@ TABLES = {
     "README.md": (styles, table_one),
     "docs/results.md": (styles, three_styles, worlds, no_refinement, two_styles),
     "docs/recipe.md": (leave_one_out,),
+    "docs/paper.md": (choices,),
     "docs/demonstrations.md": (five_styles,),
 }
 
@@ -125,11 +123,11 @@ def _by_run(label: str, runs: dict[str, Path]) -> str:
 
 def _named(folder: str) -> dict[str, dict[str, Path]]:
     """Short runs by what they tried, and by seed."""
-    runs: dict[str, dict[str, Path]] = {"nothing": {}} if folder == "leave_one_out" else {}
+    runs: dict[str, dict[str, Path]] = {"nothing": {}}
     for path in sorted((RESULTS / folder).iterdir()):
         name, seed = path.name.rsplit("_", 1)
         runs.setdefault("nothing" if name == "our" else name, {})[seed] = path
-    return runs
+    return {name: seeds for name, seeds in runs.items() if seeds}
 
 
 def _short_runs(label: str, runs: dict[str, dict[str, Path]]) -> str:

@@ -25,8 +25,10 @@ from morlnav.navigation.evaluation import (
     exact_front,
     possible_table,
 )
+from morlnav.navigation.evaluation.possible import EDGE
 from morlnav.navigation.world import Scene, TensorWorld
 from morlnav.record.markdown import markdown_table
+from morlnav.simplex import simplex_grid
 
 ROBOT, HUMAN, GOAL, RANGE = 0.18, 0.3, 0.35, 4.0  # m
 TIME_LIMIT, STEP, EULER = 50.0, 0.2, 0.01  # s
@@ -121,18 +123,17 @@ def compare(policy: Policy, scenes: Scene, front: ExactFront, steps: int = 10) -
     Raises:
         ValueError: if the policy lacks one of the styles.
     """
-    if lacking := {"distance", "efficiency"} - set(policy.objectives):
+    if lacking := set(EDGE) - set(policy.objectives):
         raise ValueError(
             f"The policy weighs {', '.join(policy.objectives)}, but no {' and no '.join(sorted(lacking))}."
         )
     names = policy.objectives
     preferences = torch.zeros(steps + 1, len(names))
-    preferences[:, names.index("distance")] = torch.linspace(0, 1, steps + 1)
-    preferences[:, names.index("efficiency")] = 1 - preferences[:, names.index("distance")]
+    preferences[:, [names.index(name) for name in EDGE]] = simplex_grid(len(EDGE), steps)
 
     paid = dict.fromkeys(names, Efficiency())  # which is no matter here
     rollouts = evaluate_policy(policy, scenes, preferences, world=TensorWorld(check_interval=EULER), objectives=paid)
-    here = episode_metrics(rollouts, list(paid), shortest=front.length[:, 0])
+    here = episode_metrics(rollouts, names, shortest=front.length[:, 0])
     shared = [*(f"lambda_{name}" for name in names), "success", "min_human_distance"]
     here = here[shared].assign(time_ratio=here["time_ratio"].where(here["success"]))
 

@@ -80,8 +80,8 @@ def load_settings(source: Runs) -> pd.DataFrame:
     ]
     several = len(set(ablations)) > 1
     named = [
-        ", ".join(filter(None, (word if several or not rest else "", rest)))
-        for word, rest in zip(ablations, unusual, strict=True)
+        text if text and not several else ", ".join(filter(None, (word, text)))
+        for word, text in zip(ablations, unusual, strict=True)
     ]
     kept = {"run": list(runs), "path": list(runs.values()), "seed": configs.get("seed")}
     return pd.DataFrame(kept | {"setting": named, "ablation": ablations})

@@ -19,7 +19,6 @@ import torch
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.utils import env_override
-from hydra.types import RunMode
 from omegaconf import DictConfig
 from torchrl.checkpoint import CheckpointError
 from torchrl.trainers import Trainer
@@ -41,7 +40,7 @@ from morlnav.runs import Run
 from morlnav.runs.directory import TIMES_FILE, remove_leftovers, removed_if_empty, reserved, timed, times_of
 from morlnav.runs.resuming import options_first, resumed_words
 from morlnav.runs.run import prepare
-from morlnav.runs.settings import Settings, refuse_without_clones
+from morlnav.runs.settings import Settings, is_sweep, refuse_without_clones
 from morlnav.runs.sweeps import Sweeps
 from morlnav.trainers import Training
 from morlnav.trainers.checkpoint import find_checkpoints, load_checkpoint
@@ -74,10 +73,6 @@ def run(cfg: DictConfig, directory: Path) -> Run | None:
         if finished is not None:
             settings.finish(trainer.collected_frames)
         return finished
-
-
-def _is_sweep() -> bool:
-    return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
 
 
 def _begin(settings: Settings, training: Training) -> Trainer:
@@ -163,7 +158,7 @@ def _train(training: Training, trainer: Trainer, directory: Path) -> Run | None:
 
 
 def _words_to_continue(directory: Path) -> str:
-    if _is_sweep():
+    if is_sweep():
         return f"the same words and hydra.sweep.dir={shlex.quote(HydraConfig.get().sweep.dir)}"
     return f"morlnav-train resume={shlex.quote(str(directory))}"
 
@@ -209,7 +204,7 @@ def _main(cfg: DictConfig) -> float:
     directory = Path(HydraConfig.get().runtime.output_dir)
     # Here too, for Hydra would add a line of its own to an error that leaves this function.
     with removed_if_empty(directory), one_sentence_errors() if os.environ.get(SENTENCES) else nullcontext():
-        if _is_sweep() and Settings(cfg, directory).begun():
+        if is_sweep() and Settings(cfg, directory).begun():
             cfg.resume = str(directory)  # what the same words began before
         finished = run(cfg, directory)
     if finished is None:

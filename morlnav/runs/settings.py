@@ -99,8 +99,7 @@ class Settings:
         if not kept and not begun:
             return
         load_config(self.directory)  # names a config that is missing or damaged
-        sweep = HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
-        other = f"choose another hydra.{'sweep' if sweep else 'run'}.dir."
+        other = f"choose another hydra.{'sweep' if is_sweep() else 'run'}.dir."
         if changed := self.changed():
             raise ValueError(f"{self.directory} holds a run of another config ({_some(changed)}); {other}")
         if kept:
@@ -155,6 +154,11 @@ class Settings:
                 f"resume={self.cfg.resume}: the checkpoint does not load with other settings ({_some(changed)}); leave "
                 f"them as they were, or begin a run of its own: {error}"
             ) from error
+
+
+def is_sweep() -> bool:
+    """Whether this run is a job of a sweep (``-m``)."""
+    return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
 
 
 def refuse_without_clones(learned: Mapping[str, LearnedReward], directory: Path) -> None:

@@ -8,6 +8,7 @@ import torch
 from torchrl.trainers.trainers import Trainer
 
 from morlnav import deployment
+from morlnav.config import classes
 from morlnav.evaluation import Evaluation, utility
 from morlnav.limits import check_at_least
 from morlnav.objectives.terms.base import LossTerm
@@ -59,7 +60,7 @@ class FitInterpolator(PeriodicHook):
         check_at_least(1, episodes=episodes)
         self.episodes, self.evaluation, self.policies = episodes, evaluation, [policy]
         if keys is not None:
-            known = {f"{type(module).__module__}.{type(module).__qualname__}" for module in policy.modules()}
+            known = {name for module in policy.modules() for name in classes(type(module))}
             trained = deployment.load(keys, known, device)
             if trained.objectives != tuple(objectives):
                 theirs, ours = ", ".join(trained.objectives), ", ".join(objectives)

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, pad_sequence
 from torch import Tensor
-from torch.nn.utils.rnn import pad_sequence
 
 from morlnav.limits import check_at_least
 
@@ -161,11 +160,10 @@ class ComparedPairs:
         self.share, self.batch_size = share, batch_size
         snippets = list(dict.fromkeys(snippet for row in comparisons for snippet in (row.first, row.second)))
         cuts = [_cut(snippet, transitions) for snippet in snippets]
-        self.snippets = TensorDict(
-            {key: pad_sequence([cut[key] for cut in cuts], batch_first=True) for key in ("observation", "action")},
-            [len(cuts)],
-        )
-        self.snippets["mask"] = pad_sequence([torch.ones(len(cut), dtype=torch.bool) for cut in cuts], batch_first=True)
+        for cut in cuts:
+            cut["mask"] = torch.ones(len(cut), dtype=torch.bool)
+        self.snippets = pad_sequence([cut.select("observation", "action", "mask") for cut in cuts])
+        self.snippets.batch_size = [len(cuts)]
         index = {snippet: number for number, snippet in enumerate(snippets)}
         for row in comparisons:
             first, second = (cuts[index[snippet]] for snippet in (row.first, row.second))

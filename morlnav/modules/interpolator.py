@@ -113,13 +113,12 @@ class PreferenceInterpolator(nn.Module):
         return normalize(torch.where(self.ready, direction, self.weights(preference, self.num_entries)), dim=-1)
 
     @torch.no_grad()
-    def update(self, preferences: Tensor, values: Tensor, mask: Tensor | None = None) -> Tensor:
+    def update(self, preferences: Tensor, values: Tensor) -> Tensor:
         """Takes in evaluation results, and refits.
 
         Args:
             preferences: evaluated preferences ``[E, n]``; they need not be keys.
             values: mean returns measured under them ``[E, m]``, unscaled. Results that are not finite are left out.
-            mask: bool ``[E]``, False for results to leave out.
 
         Returns:
             Bool ``[K]``: the keys whose value was replaced by a better one.
@@ -132,7 +131,7 @@ class PreferenceInterpolator(nn.Module):
             shapes = f"{tuple(preferences.shape)} and {tuple(values.shape)}"
             raise ValueError(f"preferences and values must have the shapes [E, {n}] and [E, {m}], got {shapes}.")
         preferences, values = preferences.to(self.preferences), values.to(self.values)
-        valid = values.isfinite().all(-1) if mask is None else values.isfinite().all(-1) & mask
+        valid = values.isfinite().all(-1)
         weights = self.weights(self.preferences, self.num_entries)
         scores = (weights @ values.nan_to_num().mT).masked_fill(~valid, -torch.inf)
         score, best = scores.max(-1)

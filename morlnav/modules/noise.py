@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import torch
 from tensordict import TensorDictBase
-from tensordict.utils import NestedKey
 from torch import Tensor
 from torchrl.data import TensorSpec
 from torchrl.modules import AdditiveGaussianModule
@@ -27,12 +27,8 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
         spec: of the action, whose bounds are kept.
         sigma_init: factor of the noise at the beginning.
         sigma_end: and at the end.
-        annealing_num_steps: calls of ``step`` from the one to the other.
-        mean: of the noise.
         std: of the noise, one number or one per action ``[A]``.
-        action_key: where the action is.
-        safe: project the action once more.
-        device: of the buffers.
+        **settings: all else that ``AdditiveGaussianModule`` takes, such as ``annealing_num_steps``.
 
     Raises:
         ValueError: if ``greedy`` is no share, or the factor of the noise rises or is negative.
@@ -51,19 +47,13 @@ class PartlyGreedyNoise(AdditiveGaussianModule):
         spec: TensorSpec | None = None,
         sigma_init: float = 0.3,
         sigma_end: float = 0.1,
-        annealing_num_steps: int = 1000,
-        mean: float = 0.0,
-        std: float | Sequence[float] = 1.0,
         *,
-        action_key: NestedKey = "action",
-        safe: bool = False,
-        device: torch.device | None = None,
+        std: float | Sequence[float] = 1.0,
+        **settings: Any,
     ) -> None:
         if not 0 <= sigma_end <= sigma_init:
             raise ValueError(f"sigma_init and sigma_end must fall, 0 <= end <= init, got {sigma_init} and {sigma_end}.")
-        super().__init__(
-            spec, sigma_init, sigma_end, annealing_num_steps, mean, std, action_key=action_key, safe=safe, device=device
-        )
+        super().__init__(spec, sigma_init, sigma_end, std=std, **settings)
         if not 0 <= greedy <= 1:
             raise ValueError(f"greedy must be a share between 0 and 1, got {greedy}.")
         self.greedy = greedy

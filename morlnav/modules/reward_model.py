@@ -110,11 +110,6 @@ class RewardEnsemble(nn.Module):
         self.models = nn.ModuleList(models)
         self.reduce = reduce
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """What any of the members reads."""
-        return max((model.inputs for model in self.models), key=len)
-
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
         """Reward ``[...]`` for observations ``[..., D]`` and actions ``[..., A]``."""
         rewards = torch.stack([model(observation, action) for model in self.models])
@@ -156,11 +151,6 @@ class NormalisedReward(nn.Module):
         self.register_buffer("low", torch.tensor(0.0))
         self.register_buffer("high", torch.tensor(1.0))
         self._set(torch.as_tensor(low), torch.as_tensor(high))
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """What the model reads."""
-        return self.model.inputs
 
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
         """Reward ``[...]`` for observations ``[..., D]`` and actions ``[..., A]``."""

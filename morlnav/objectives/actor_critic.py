@@ -79,7 +79,6 @@ class VectorActorCriticLoss(LossModule):
         bounds: tuple[Tensor | float, Tensor | float] | None,
     ) -> None:
         super().__init__()
-        self._in_keys: list[NestedKey] | None = None
         self.num_qvalue_nets = num_qvalue_nets
         self.convert_to_functional(actor_network, "actor_network", create_target_params=True)
         self._convert_critics(qvalue_network)
@@ -110,7 +109,9 @@ class VectorActorCriticLoss(LossModule):
             self.qvalue_network, (None, 0), randomness=self.vmap_randomness, pseudo_vmap=self.deactivate_vmap
         )
 
-    def _set_in_keys(self) -> None:
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        """Entries that :meth:`forward` reads."""
         keys, actor, critic = self.tensor_keys, self.actor_network.in_keys, self.qvalue_network.in_keys
         read = [
             keys.action,
@@ -121,23 +122,7 @@ class VectorActorCriticLoss(LossModule):
             *critic,
             *(("next", key) for key in critic if key != keys.action),
         ]
-        self._in_keys = list(dict.fromkeys(map(unravel_key, read)))
-
-    @property
-    def in_keys(self) -> list[NestedKey]:
-        """Entries that :meth:`forward` reads."""
-        if self._in_keys is None:
-            self._set_in_keys()
-        return self._in_keys
-
-    @in_keys.setter
-    def in_keys(self, values: list[NestedKey]) -> None:
-        self._in_keys = values
-
-    @property
-    def half_range(self) -> Tensor:
-        """Half the range of each entry of an action, ``[A]`` or one number."""
-        return (self.max_action - self.min_action) / 2
+        return list(dict.fromkeys(map(unravel_key, read)))
 
     def act(self, tensordict: TensorDictBase, params: TensorDictParams) -> TensorDictBase:
         """What the critics read, with the action of an actor with these parameters in it."""
@@ -186,10 +171,5 @@ class VectorActorCriticLoss(LossModule):
 
     def _forward_value_estimator_keys(self, **kwargs: Any) -> None:
         if self._value_estimator is not None:
-            self._value_estimator.set_keys(
-                value=self.tensor_keys.state_action_value,
-                reward=self.tensor_keys.reward,
-                done=self.tensor_keys.done,
-                terminated=self.tensor_keys.terminated,
-            )
-        self._set_in_keys()
+            self._value_estimator.set_keys(value=self.tensor_keys.state_action_value)
+        super()._forward_value_estimator_keys(**kwargs)

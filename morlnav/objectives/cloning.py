@@ -11,7 +11,6 @@ from torchrl.objectives import BCLoss
 from torchrl.objectives.utils import distance_loss
 
 from morlnav.objectives.bounds import action_bounds
-from morlnav.objectives.padding import blank_padding
 
 LOSS_FUNCTIONS = ("l2", "smooth_l1")
 
@@ -75,7 +74,7 @@ class BehaviourCloningLoss(BCLoss):
             steps = mask.reshape(label.shape[:-1])
             label = label.masked_fill(~steps.unsqueeze(-1), 0)
             if tensordict.shape[: steps.ndim] == steps.shape:  # or one observation serves a chunk of actions
-                inputs = blank_padding(tensordict, self.actor_network.in_keys, steps)
+                inputs = inputs.masked_fill(~steps, 0)
         with self.actor_network_params.to_module(self.actor_network, preserve_module_state=False):
             action = self.actor_network(inputs).get(self.tensor_keys.action)
         error = (action - label) / self.half_range

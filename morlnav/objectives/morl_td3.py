@@ -9,6 +9,7 @@ from typing import Literal
 import torch
 from tensordict import TensorDict, TensorDictBase, unravel_key
 from tensordict.nn import TensorDictModule, dispatch
+from tensordict.utils import NestedKey
 from torch import Tensor, nn
 from torchrl.data import TensorSpec
 from torchrl.envs.utils import step_mdp
@@ -144,7 +145,8 @@ class MORLTD3Loss(VectorActorCriticLoss):
         following = self.act(step_mdp(tensordict), self.target_actor_network_params)
         action = following.get(self.tensor_keys.action)
         noise = (torch.randn_like(action) * self.policy_noise).clamp(-self.noise_clip, self.noise_clip)
-        action = (action + noise * self.half_range).clamp(self.min_action, self.max_action)
+        half_range = (self.max_action - self.min_action) / 2
+        action = (action + noise * half_range).clamp(self.min_action, self.max_action)
         twins = self.values(following.set(self.tensor_keys.action, action), self.target_qvalue_network_params)
         _, weights = self._weigh(following, twins)
         smaller = (weights * twins).sum(-1).argmin(0)
@@ -187,10 +189,11 @@ class MORLTD3Loss(VectorActorCriticLoss):
         tensordict.set(self.tensor_keys.priority, value_metadata.pop("td_error").max(0)[0])
         return TensorDict(loss_actor=loss_actor, loss_qvalue=loss_qvalue, **actor_metadata, **value_metadata)
 
-    def _set_in_keys(self) -> None:
-        super()._set_in_keys()
+    @property
+    def in_keys(self) -> list[NestedKey]:
+        """Entries that :meth:`forward` and the terms read."""
         further = [unravel_key(key) for term in self.terms.values() for key in term.in_keys]
-        self._in_keys = list(dict.fromkeys([*self._in_keys, *further]))
+        return list(dict.fromkeys([*super().in_keys, *further]))
 
 
 def _add(loss: Tensor, penalties: Mapping[str, Tensor]) -> tuple[Tensor, dict[str, Tensor]]:

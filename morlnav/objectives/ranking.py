@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from tensordict import TensorDict, TensorDictBase, TensorDictParams, unravel_key
 from tensordict.nn import TensorDictModule, dispatch
-from tensordict.utils import NestedKey
+from tensordict.utils import NestedKey, expand_as_right
 from torch import Tensor, nn
 from torch.nn.functional import softplus
 from torchrl.objectives.common import LossModule
 
 from morlnav.limits import check_positive
-from morlnav.objectives.padding import blank_padding
 
 AGGREGATES = ("mean", "sum")
 
@@ -93,30 +91,17 @@ class RankingLoss(LossModule):
         members = nn.ModuleList(reward_network if self.is_ensemble else [reward_network])
         if not len(members):
             raise ValueError("The ranking loss needs at least one reward network.")
-        self._in_keys = None
         self.aggregate = aggregate
         self.temperature = temperature
         self.reduction = reduction or "mean"
         self.convert_to_functional(members, "reward_network")
 
-    def _forward_value_estimator_keys(self, **kwargs: Any) -> None:
-        self._in_keys = None
-
     @property
     def in_keys(self) -> list[NestedKey]:
         """Entries that :meth:`forward` needs; masks are read where present."""
-        if self._in_keys is None:
-            keys = dict.fromkeys(key for member in self.reward_network for key in member.in_keys)
-            self._in_keys = [
-                unravel_key((snippet, key))
-                for snippet in (self.tensor_keys.better, self.tensor_keys.worse)
-                for key in keys
-            ]
-        return self._in_keys
-
-    @in_keys.setter
-    def in_keys(self, values: list[NestedKey]) -> None:
-        self._in_keys = values
+        keys = dict.fromkeys(key for member in self.reward_network for key in member.in_keys)
+        snippets = self.tensor_keys.better, self.tensor_keys.worse
+        return [unravel_key((snippet, key)) for snippet in snippets for key in keys]
 
     @dispatch(auto_batch_size=False)
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
@@ -157,11 +142,10 @@ class RankingLoss(LossModule):
         snippet = row.get(key)
         steps = snippet.get(member.in_keys[0]).ndim - 1
         mask = snippet.get(self.tensor_keys.mask, None)
-        if mask is None:
-            inputs = snippet.select(*member.in_keys)
-        else:
+        inputs = snippet.select(*member.in_keys)
+        if mask is not None:  # padding may hold anything, and a gradient of 0 times NaN is NaN
             mask = mask.squeeze(-1) if mask.ndim > steps else mask
-            inputs = blank_padding(snippet, member.in_keys, mask)
+            inputs = inputs.apply(lambda entry: entry.masked_fill(~expand_as_right(mask, entry), 0))
         reward = member(inputs).get(self.tensor_keys.reward)
         reward = reward.squeeze(-1) if reward.ndim > steps else reward
         if mask is None:

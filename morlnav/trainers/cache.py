@@ -89,16 +89,15 @@ class Cache:
                     remark("from the cache")
                 yield path, done
 
-    def keep(self, name: str, make: Callable[[], T], save: Callable[[T, Path], None], load: Callable[[Path], T]) -> T:
-        """The result of a stage, made or loaded.
+    def keep(self, name: str, make: Callable[[Path], object], load: Callable[[Path], T]) -> T:
+        """The result of a stage, of a folder that is made or found; without a cache the folder goes at once.
 
         Raises:
             ValueError: if what the cache holds is damaged.
         """
         with self._stage(name) as (path, done):
             if not done:
-                value = make()
-                _fill(path, lambda unfinished: save(value, unfinished))
+                _fill(path, make)
             with _refused_if_damaged(path, done):
                 _verify(path)
                 return load(path)
@@ -118,23 +117,8 @@ class Cache:
             with _refused_if_damaged(path, done):
                 return load_module(path, trust=self.trust), read_facts(path)
 
-    def keep_folder(self, name: str, make: Callable[[Path], None]) -> Path:
-        """A folder of files, made or found; without a cache it lies in a temporary place until the process ends.
 
-        Raises:
-            ValueError: if what the cache holds is damaged.
-        """
-        with self._stage(name) as (path, done):
-            if self.directory is None:
-                path = Path(tempfile.mkdtemp()) / name
-            if not done:
-                _fill(path, make)
-            with _refused_if_damaged(path, done):
-                _verify(path)
-            return path
-
-
-def _fill(path: Path, make: Callable[[Path], None]) -> None:
+def _fill(path: Path, make: Callable[[Path], object]) -> None:
     """Make a folder whole or not at all, and keep its hash beside it."""
     unfinished = path.with_suffix(".part")
     shutil.rmtree(unfinished, ignore_errors=True)  # of a process that was killed

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from torch.nn.utils import get_total_norm
 from torchrl.trainers.trainers import Trainer, TrainerHookBase
 
@@ -55,10 +53,3 @@ class StopDivergence(TrainerHookBase):
         """Register after every round of optimisation steps."""
         self.trainer = trainer
         trainer.register_op("post_steps", self)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing: it only looks."""
-        return {}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Nothing to load."""

@@ -147,7 +147,7 @@ class DREX:
     def _imitate(self, name: str, **display: Any) -> tuple[TensorDict, nn.Module]:
         """Demonstrations ``[N]`` of an objective, and a clone of who drove them."""
         source, stages = self.demonstrations[name], self.stages[name]
-        data = stages.keep("demonstrations", lambda: source.collect(self.num), source.save, source.load)
+        data = stages.keep("demonstrations", lambda path: source.save(source.collect(self.num), path), source.load)
         label = stages.label("clone")
         return data, stages.keep_module("clone", lambda: (self._clone(data, **display, name=label), {}))[0]
 
@@ -203,10 +203,12 @@ class DREX:
                 reward, demonstrator, path, scale=self.scale, offset=self.offset, snippet=self.ranking.snippet or 25
             )
 
-        report = self.stages[name].keep_folder("audit", judge)
-        verdict = self.audit.read(report)
-        if directory is not None:
-            shutil.copytree(report, directory / "audit", dirs_exist_ok=True)
+        def read(report: Path) -> dict[str, Any]:
+            if directory is not None:
+                shutil.copytree(report, directory / "audit", dirs_exist_ok=True)
+            return self.audit.read(report)
+
+        verdict = self.stages[name].keep("audit", judge, read)
         reasons = [*reasons, *verdict["reasons"]]
         if reasons and self.audit.required:
             where = f" See {directory / 'audit'};" if directory is not None else ""

@@ -107,22 +107,15 @@ class AnnealDiscount(TrainerHookBase):
         loss.value_estimator.to(device)
         trainer.register_op("pre_optim_steps", self)
 
-    def state_dict(self) -> dict[str, Any]:
-        """Nothing: γ follows from the number of frames."""
-        return {}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Nothing to load."""
-
 
 class StepExploration(TrainerHookBase):
     """Anneal the exploration noise, one step per collected batch.
 
     Args:
-        module: exploration module with ``step``, by default the trainer's ``exploration_module``.
+        module: exploration module with ``step``.
     """
 
-    def __init__(self, module: torch.nn.Module | None = None) -> None:
+    def __init__(self, module: torch.nn.Module) -> None:
         self.module = module
 
     def __call__(self, batch: TensorDictBase) -> TensorDictBase:
@@ -132,7 +125,6 @@ class StepExploration(TrainerHookBase):
 
     def register(self, trainer: Trainer, name: str = "step_exploration") -> None:
         """Register on every collected batch."""
-        self.module = self.module or trainer.exploration_module
         trainer.register_op("batch_process", self)
         trainer.register_module(name, self)
 

@@ -57,7 +57,7 @@ def live_objects(env: EnvBase) -> dict[str, Any]:
         "rewards": vector.names,
         "objectives": vector.objectives,
         "num_rewards": len(vector.names),
-        "num_objectives": vector.num_objectives,
+        "num_objectives": len(vector.objectives),
         "num_static": vector.num_static,
         "reward_bounds": vector.bounds,
         "action_spec": Bounded(low, high, shape=low.shape, dtype=spec.dtype, device=env.device),

@@ -16,6 +16,7 @@ from torchrl.record.loggers import Logger
 from tqdm import trange
 
 from morlnav.config import Part, supply
+from morlnav.limits import check_at_least, check_positive
 from morlnav.trainers.stepper import linear_decay
 
 LEFT = 0.05
@@ -88,11 +89,9 @@ class PathwiseRefinement:
         seed: int = 0,
         progress_bar: bool = False,
     ) -> None:
-        for name, value, least in (("drives", drives, 0), ("num_envs", num_envs, 1), ("horizon", horizon, 1)):
-            if value < least:
-                raise ValueError(f"{name} must be at least {least}, got {value}.")
-        if not clip > 0:
-            raise ValueError(f"clip must be positive, got {clip}.")
+        check_at_least(0, drives=drives)
+        check_at_least(1, num_envs=num_envs, horizon=horizon)
+        check_positive(clip=clip)
         if not 0 <= average_decay < 1:
             raise ValueError(f"average_decay must be from 0 to below 1, got {average_decay}.")
         self.drives, self.clip, self.average_decay = drives, clip, average_decay

@@ -16,7 +16,7 @@ from torchrl.envs import EnvBase
 from morlnav.config import Part, supply
 from morlnav.data import ComparedPairs, SnippetPairs, roll_out_ranked
 from morlnav.files import write_tensors
-from morlnav.limits import check_at_least
+from morlnav.limits import check_at_least, check_positive
 from morlnav.modules import NormalisedReward, RewardEnsemble
 from morlnav.objectives import BehaviourCloningLoss, RankingLoss
 from morlnav.trainers.supervised import Fit
@@ -159,18 +159,15 @@ class Ranking:
         normalise: bool = True,
         comparisons: ComparedPairs | None = None,
     ) -> None:
-        check_at_least(1, episodes=episodes, batch_size=batch_size, snippet=snippet or 1)
+        check_at_least(1, episodes=episodes, batch_size=batch_size, snippet=snippet)
         check_at_least(0, burn_in=burn_in)
         if burn_in and snippet is None:
             raise ValueError(f"Whole roll-outs (snippet=null) have no burn-in; set burn_in=0, not {burn_in}.")
-        if snippet == 0:
-            raise ValueError("snippet must be at least 1, or null for whole roll-outs, got 0.")
         if len(levels) < 2 or list(levels) != sorted(set(levels)) or levels[0] < 0:
             raise ValueError(f"levels must be two or more and ascend from 0, got {list(levels)}.")
         if normalise and levels[0] > 0:
             raise ValueError(f"normalise needs roll-outs without noise; begin levels with 0, not {levels[0]}.")
-        if temperature <= 0:
-            raise ValueError(f"temperature must be positive, got {temperature}.")
+        check_positive(temperature=temperature)
         self.split = max(1, int((1 - held_out) * episodes))
         if not 0 <= held_out < 1 or self.split >= episodes:
             raise ValueError(

@@ -38,9 +38,6 @@ from morlnav.trainers.live import live_objects, side_by_side
 from morlnav.trainers.refinement import PathwiseRefinement
 from morlnav.trainers.stepper import MORLTD3Stepper
 
-KEPT = ("observation", "preference", "action")
-KEPT_NEXT = ("observation", "preference", "reward", "done", "terminated")
-
 
 class Training:
     """All that a run of MORL-TD3 is made of; :meth:`make_trainer` wires it.
@@ -233,8 +230,7 @@ class Training:
         StopDivergence().register(trainer)  # before all that looks at what was learned
         for name, part in self.hooks.items():
             supply(part, **live).register(trainer, name)
-        kept = [*KEPT, *(("next", key) for key in KEPT_NEXT), *loss.in_keys]
-        SelectKeys(list(dict.fromkeys(kept))).register(trainer)
+        SelectKeys(loss.in_keys).register(trainer)
         ReplayBufferTrainer(replay, flatten_tensordicts=True).register(trainer)
         StepExploration(noise).register(trainer)
         return trainer

@@ -40,11 +40,6 @@ class RewardVector:
         """Names of the ``n`` tuneable entries, in the order of the preference's."""
         return self.names[self.num_static :]
 
-    @property
-    def num_objectives(self) -> int:
-        """Number ``n`` of the tuneable entries."""
-        return len(self.objectives)
-
     @classmethod
     def of(cls, env: EnvBase) -> RewardVector:
         """The reward vector of an environment, with what its transforms add.

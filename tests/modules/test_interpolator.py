@@ -157,9 +157,9 @@ def test_only_keys_that_were_measured_again_decay():
     torch.testing.assert_close(interpolator.values, torch.stack([VALUES[0] - 2, VALUES[1]]))
 
 
-def test_results_that_are_masked_or_not_finite_are_left_out(interpolator):
+def test_results_that_are_not_finite_are_left_out(interpolator):
     better = VALUES + 1
-    assert interpolator.update(CORNERS, better, mask=torch.tensor([False, True])).tolist() == [False, True]
+    assert interpolator.update(CORNERS, better + torch.tensor([[torch.nan], [0.0]])).tolist() == [False, True]
     broken = better + torch.tensor([[torch.nan], [torch.inf]])
     assert not interpolator.update(CORNERS, broken).any()
     assert interpolator.coefficients.isfinite().all()
@@ -168,7 +168,7 @@ def test_results_that_are_masked_or_not_finite_are_left_out(interpolator):
 def test_an_update_without_any_result_changes_nothing():
     interpolator = PreferenceInterpolator(2, preferences=CORNERS)
     before = interpolator.values.clone()
-    assert not interpolator.update(CORNERS, VALUES, mask=torch.zeros(2, dtype=torch.bool)).any()
+    assert not interpolator.update(CORNERS, VALUES * torch.nan).any()
     assert not interpolator.ready
     assert torch.equal(interpolator.values, before)
 

@@ -74,9 +74,9 @@ def test_an_ensemble_takes_the_mean_or_the_mean_less_the_deviation():
     torch.testing.assert_close(pessimistic, torch.tensor([0.5 - 0.13**0.5, 0.0, 0.5]))
 
 
-def test_an_ensemble_mixes_what_its_members_read(model):
-    assert model.inputs == ("observation", "action")
-    assert RewardEnsemble([Entry()]).inputs == ("observation",)
+def test_an_ensemble_needs_whatever_one_of_its_members_reads(model):
+    with pytest.raises(ValueError, match="reads observation and action; give both"):
+        model(torch.rand(7, 34))
 
 
 def test_normalising_maps_low_to_zero_and_high_to_one_and_clips():

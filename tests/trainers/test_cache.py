@@ -25,8 +25,7 @@ def data():
 def keep(cache, make=data):
     return cache.keep(
         "demonstrations",
-        make,
-        lambda value, path: value.memmap(path, copy_existing=True),
+        lambda path: make().memmap(path, copy_existing=True),
         lambda path: TensorDict.load_memmap(path).clone(),
     )
 
@@ -35,11 +34,11 @@ def keep_module(cache):
     return cache.keep_module("clone", lambda: (Actor(0, [-1.0], [1.0], features=34, depth=1), {"loss": 0.5}))
 
 
-def keep_folder(cache):
-    return cache.keep_folder("audit", lambda path: (path.mkdir(), (path / "audit.json").write_text('{"passed": true}')))
+def keep_report(cache, make=lambda path: (path.mkdir(), (path / "audit.json").write_text('{"passed": true}'))):
+    return cache.keep("audit", make, lambda path: (path / "audit.json").read_text())
 
 
-def never():
+def never(path=None):
     raise AssertionError("It is in the cache.")
 
 
@@ -105,11 +104,12 @@ def test_a_changed_hash_is_noticed(cache, tmp_path, damage):
         keep(cache, never)
 
 
-def test_a_changed_report_is_noticed(cache):
-    path = keep_folder(cache)
+def test_a_changed_report_is_noticed(cache, tmp_path):
+    keep_report(cache)
+    (path,) = tmp_path.glob("audit-*[0-9a-f]/")
     (path / "audit.json").write_text('{"passed": false}')
     with pytest.raises(ValueError, match=SENTENCE.format(path=path)):
-        cache.keep_folder("audit", never)
+        keep_report(cache, never)
 
 
 def test_what_was_deleted_is_made_anew(cache, tmp_path):
@@ -129,7 +129,7 @@ def test_what_is_whole_comes_from_the_cache(cache):
     same, same_facts = cache.keep_module("clone", never)
     assert torch.equal(actor(torch.ones(34)), same(torch.ones(34)))
     assert facts == same_facts == {"loss": 0.5}
-    assert keep_folder(cache) == cache.keep_folder("audit", never)
+    assert keep_report(cache) == keep_report(cache, never)
 
 
 def test_what_a_killed_process_left_half_done_is_swept_away(cache, tmp_path):
@@ -143,7 +143,7 @@ def test_what_a_killed_process_left_half_done_is_swept_away(cache, tmp_path):
     (tmp_path / f"demonstrations-{cache.digest('demonstrations')}.sha256").write_text("of what never came")
     first = keep(cache)
     keep_module(cache)
-    keep_folder(cache)
+    keep_report(cache)
     assert (keep(cache, never) == first).all()
     assert not list(tmp_path.glob("*.part"))
 
@@ -153,5 +153,5 @@ def test_without_a_cache_everything_is_made_and_nothing_kept(tmp_path, monkeypat
     cache = Cache(None, CONFIG, seed=0, show=False)
     assert len(keep(cache)) == 500
     assert keep_module(cache)[1] == {"loss": 0.5}
-    assert (keep_folder(cache) / "audit.json").is_file()
+    assert keep_report(cache) == '{"passed": true}'
     assert not list(tmp_path.iterdir())

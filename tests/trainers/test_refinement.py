@@ -156,7 +156,7 @@ def test_an_environment_without_a_gradient_is_refused():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"drives": -1}, "drives must be at least 0"),
+        ({"drives": -1}, "drives must not be negative"),
         ({"num_envs": 0}, "num_envs must be at least 1"),
         ({"horizon": 0}, "horizon must be at least 1"),
         ({"clip": 0.0}, "clip must be positive"),

@@ -56,9 +56,8 @@ class Sweep:
                 f"None of the runs {', '.join(runs['run'])} is evaluated; finish one, or use morlnav-evaluate."
             )
         kept = runs[done & ~again]
-        words = list(kept["ablation"].unique())
-        order = kept["ablation"].map(words.index) + 0.5 * (kept["setting"] != kept["ablation"])
-        self.runs = kept.loc[order.sort_values(kind="stable").index].reset_index(drop=True)
+        more_than_the_word, word = kept["setting"] != kept["ablation"], pd.factorize(kept["ablation"])[0]
+        self.runs = kept.iloc[np.lexsort((more_than_the_word, word))].reset_index(drop=True)
         self.ablation = dict(self.runs[["setting", "ablation"]].to_numpy())
         self.settings = list(self.ablation)
         self.notes = [

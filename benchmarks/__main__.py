@@ -12,6 +12,7 @@ import torch
 from benchmarks import growth, learner, memory, quality, simulation, table, training
 from benchmarks.timing import Effort, Row
 from morlnav.cli import keep_freed_memory, one_sentence_errors, quiet, set_threads
+from morlnav.runs import load_config
 
 GROUPS = {"simulation": simulation, "learner": learner, "training": training, "growth": growth, "memory": memory}
 """Groups of rows, each a module with ``TITLE``, ``NOTES`` and ``measure``."""
@@ -73,7 +74,8 @@ def check(groups: list[str], devices: list[str], runs: list[Path]) -> None:
             torch.device(name)
         except RuntimeError as error:
             raise ValueError(f"There is no device {name}; such are cpu and cuda.") from error
-    quality.check(runs)
+    for run in runs:
+        load_config(run)
 
 
 def main(words: list[str] | None = None) -> None:

@@ -11,7 +11,6 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from benchmarks.timing import Row
 from morlnav.evaluation.labels import preference_label, read_preference_label
-from morlnav.runs import load_config
 
 TITLE = "From an empty directory to the quality bar"
 NOTES = """Seconds from the start of `morlnav-train` until an evaluation on the way met every demand, and until the
@@ -27,16 +26,6 @@ STYLES = {
     "demo": {"frechet": (0, 0.41), "human_on_right": (0.95, 1)},
 }
 """Lowest and highest allowed values: of all preferences together, and of the one that asks for a style alone."""
-
-
-def check(directories: Iterable[Path]) -> None:
-    """That these are run directories.
-
-    Raises:
-        FileNotFoundError: naming one that is none.
-    """
-    for directory in directories:
-        load_config(directory)
 
 
 def measure(runs: Sequence[Path]) -> list[Row]:

@@ -95,21 +95,14 @@ class Networks:
         critics: two modules from observations, preferences and actions to vectors of values.
         num_rewards: entries of the reward vector.
         num_objectives: entries of λ.
-        low: least action ``[A]``.
-        high: largest action ``[A]``.
+        limits: least and largest action, both ``[A]``.
     """
 
     actor: nn.Module
     critics: list[nn.Module]
     num_rewards: int
     num_objectives: int
-    low: Tensor
-    high: Tensor
-
-    @property
-    def limits(self) -> tuple[Tensor, Tensor]:
-        """Least and largest action."""
-        return self.low, self.high
+    limits: tuple[Tensor, Tensor]
 
 
 def networks(cfg: DictConfig, all_tuneable: bool = False) -> Networks:
@@ -125,5 +118,5 @@ def networks(cfg: DictConfig, all_tuneable: bool = False) -> Networks:
     if all_tuneable:
         live["num_objectives"] = live["num_rewards"]
     actor, *critics = (supply(part, **live).to(cfg.device) for part in (training.actor, *2 * [training.critic]))
-    low, high = (torch.tensor(live[name], device=cfg.device) for name in ("action_low", "action_high"))
-    return Networks(actor, critics, live["num_rewards"], live["num_objectives"], low, high)
+    limits = tuple(torch.tensor(live[name], device=cfg.device) for name in ("action_low", "action_high"))
+    return Networks(actor, critics, live["num_rewards"], live["num_objectives"], limits)

@@ -67,9 +67,8 @@ def load_settings(source: Runs) -> pd.DataFrame:
     configs, words, ablations = _words(runs)
     words = words.drop(columns=["seed", "ablation"], errors="ignore")
     settings = configs.drop(columns=[name for name in configs if name.split(".")[-1] == "seed"])
-    same = pd.concat([words, pd.Series(ablations, name="ablation")], axis=1).map(_text).agg(", ".join, axis=1)
-    rest = settings.loc[:, settings.groupby(same).nunique(dropna=False).max() > 1]
-    others = pd.concat([words, rest.drop(columns=list(words), errors="ignore")], axis=1).map(_text)
+    rest = _unexplained(settings, words.assign(ablation=ablations))
+    others = pd.concat([words, rest], axis=1).map(_text)
     distinct = others.assign(ablation=ablations).drop_duplicates()
     usual = {
         key: value for key in others if 2 * (distinct[key] == (value := distinct[key].mode()[0])).sum() > len(distinct)
@@ -239,10 +238,14 @@ def _differences(runs: dict[str, Path]) -> pd.DataFrame:
     A word such as ``ablation=no_human`` stands for all that it changes.
     """
     configs, typed, _ = _words(runs)
-    same = typed.map(_text).agg(", ".join, axis=1) if len(typed.columns) else pd.Series("", configs.index)
-    unexplained = configs.groupby(same).nunique(dropna=False).max() > 1
-    rest = configs.loc[:, unexplained].drop(columns=list(typed), errors="ignore")
-    return pd.concat([pd.Series(list(runs), name="run"), typed, rest], axis=1)
+    return pd.concat([pd.Series(list(runs), name="run"), typed, _unexplained(configs, typed)], axis=1)
+
+
+def _unexplained(configs: pd.DataFrame, words: pd.DataFrame) -> pd.DataFrame:
+    """What differs between the configs of runs that share all words."""
+    same = words.map(_text).agg(", ".join, axis=1) if len(words.columns) else pd.Series("", configs.index)
+    differs = configs.groupby(same).nunique(dropna=False).max() > 1
+    return configs.loc[:, differs].drop(columns=list(words), errors="ignore")
 
 
 def _text(value: object) -> str:

@@ -18,25 +18,6 @@ from morlnav.trainers import DREX
 from morlnav.trainers.drex import place
 
 
-def find_reward(path: Path) -> Path:
-    """The saved reward model at ``path``: the model itself, or in a folder.
-
-    Raises:
-        FileNotFoundError: if there is none.
-
-    Examples:
-        >>> import tempfile
-        >>> run = Path(tempfile.mkdtemp())
-        >>> (run / "reward.pt").touch()
-        >>> find_reward(run).name
-        'reward.pt'
-    """
-    for file in (path, path / "reward.pt"):
-        if file.is_file():
-            return file
-    raise FileNotFoundError(f"There is no reward model in {path}; expected reward.pt there.")
-
-
 def audit(
     path: Path, output: Path | None = None, objective: str | None = None, trust: bool = False, **settings: Any
 ) -> tuple[bool, Path]:
@@ -68,7 +49,9 @@ def audit(
     else:
         if objective is not None:
             raise ValueError(f"--objective belongs to a run, and {path} is none.")
-        file, demonstrator = find_reward(path), CircumnavigationOracle()
+        file, demonstrator = path if path.is_file() else path / "reward.pt", CircumnavigationOracle()
+        if not file.is_file():
+            raise FileNotFoundError(f"There is no reward model in {path}; expected reward.pt there.")
         judge = RewardAudit(world=TensorWorld(), scenes=SceneSampler(), **given)
     report, reward = writable(output or file.parent / "audit"), load_module(file, trust=trust)
     if not any(isinstance(part, RewardModel) for part in reward.modules()):

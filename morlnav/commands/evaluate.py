@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import torch
 
 from morlnav.cli import composed, folder, one_sentence_errors, quiet, set_threads, writable
 from morlnav.config import plain
-from morlnav.data import preference_edges
 from morlnav.deployment.context import ContextPolicy, load_contexts
 from morlnav.navigation.evaluation import NavigationEvaluation, episode_metrics, summarise
 from morlnav.navigation.world import Scene
@@ -132,7 +132,7 @@ def animate_run(run: Run, file: Path, scene: int = 0, steps: int = 2) -> None:
     evaluation = navigation_of(run)
     if not 0 <= scene < evaluation.episodes:
         raise ValueError(f"The scene must be an index below evaluation.episodes={evaluation.episodes}, got {scene}.")
-    preferences = preference_edges(evaluation.num_objectives, steps)
+    preferences = evaluation.preferences(steps)
     rollouts = evaluation.drive(run.policy, evaluation.scenes()[scene : scene + 1], preferences)
     file.parent.mkdir(parents=True, exist_ok=True)
     world = evaluation.env.world
@@ -158,13 +158,10 @@ def parse_stop(word: str) -> tuple[float, str]:
     (6.0, 'kitchen')
     """
     second, _, room = word.partition(":")
-    try:
-        stop = float(second), room
-    except ValueError:
-        stop = None
-    if stop is None or not room:
-        raise argparse.ArgumentTypeError(f"{word} is no SECOND:ROOM, such as 6:kitchen.")
-    return stop
+    with suppress(ValueError):
+        if room:
+            return float(second), room
+    raise argparse.ArgumentTypeError(f"{word} is no SECOND:ROOM, such as 6:kitchen.")
 
 
 def main() -> None:

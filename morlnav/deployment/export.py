@@ -16,8 +16,6 @@ from morlnav.deployment.policy import Policy, load
 from morlnav.files import write_bytes
 from morlnav.modules.checks import check_weights
 
-INPUTS = ("observation", "preference")
-OUTPUT = "action"
 FORMATS = ("onnx", "pt2")
 
 
@@ -81,7 +79,12 @@ def export_policy(policy: Policy, directory: str | Path, formats: tuple[str, ...
 
 def _write_onnx(program: ExportedProgram, path: Path, objectives: str) -> None:
     exported = torch.onnx.export(
-        program, input_names=list(INPUTS), output_names=[OUTPUT], dynamo=True, external_data=False, verbose=False
+        program,
+        input_names=["observation", "preference"],
+        output_names=["action"],
+        dynamo=True,
+        external_data=False,
+        verbose=False,
     )
     exported.model.metadata_props["objectives"] = objectives
     write_bytes(path, exported.model_proto.SerializeToString())

@@ -95,8 +95,8 @@ class Evaluation:
             metrics |= {f"return_{name}/{label}": value for name, value in zip(self.rewards, row, strict=True)}
         return metrics
 
-    def report(self, policy: nn.Module, directory: Path) -> pd.DataFrame:
-        """Measure a trained policy, write ``front.csv``, ``table.md`` and ``front.png``, and return the front."""
+    def report(self, policy: nn.Module, directory: Path) -> None:
+        """Measure a trained policy, and write ``front.csv``, ``table.md`` and ``front.png``."""
         preferences = self.preferences()
         returns = self.returns(policy, preferences, self.episodes, self.seed)
         table = front_table(preferences, returns, self.rewards, self.known_reference, self.scalarisation)
@@ -109,7 +109,6 @@ class Evaluation:
 
             plot_front(table).savefig(directory / "front.png", dpi=150)
         (directory / "table.md").write_text(text + "\n", encoding="utf-8")  # last: with it a run has finished
-        return table
 
     def show(self, output: Path, directory: Path) -> None:
         """Print in a terminal what :meth:`report` wrote to ``output``, for the run in ``directory``."""

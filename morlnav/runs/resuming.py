@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import Quote, QuotedString
 from hydra.errors import HydraException
 from omegaconf import OmegaConf
 
@@ -116,7 +116,7 @@ def quoted(text: object) -> str:
     >>> print(quoted("q'uote"))
     'q\'uote'
     """
-    return "'" + re.sub(r"(\\*)(?='|$)", r"\1\1", str(text)).replace("'", "\\'") + "'"
+    return QuotedString(str(text), Quote.single).with_quotes()
 
 
 def _unquoted(text: str) -> str:

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from morlnav.limits import check_at_least
 from morlnav.navigation.audit.report import write_audit
-from morlnav.navigation.audit.verdict import Audit, audit_reward
+from morlnav.navigation.audit.verdict import audit_reward
 from morlnav.navigation.evaluation import evaluation_scenes
 from morlnav.navigation.world import Scene, World, without_human
 
@@ -66,14 +66,13 @@ class RewardAudit:
         scale: float = 10.0,
         offset: float = -1.0,
         snippet: int = 25,
-    ) -> Audit | None:
+    ) -> None:
         """Audit a reward, and write the verdict, tables and figures to ``output``.
+
+        Where that is not possible, as the demonstrator arrives nowhere, it is failed.
 
         Raises:
             ValueError: for a scale that is not positive, or an offset that is not finite.
-
-        Returns:
-            The audit; ``None`` where it was not possible, as the demonstrator arrives nowhere: it is failed then.
         """
         if not 0 < scale < math.inf or not math.isfinite(offset):
             raise ValueError(f"scale must be positive and offset a finite number, got {scale} and {offset}.")
@@ -92,9 +91,8 @@ class RewardAudit:
             output.mkdir(parents=True, exist_ok=True)
             (output / "audit.json").write_text(json.dumps({"passed": False, "reasons": [str(error)]}))
             (output / "audit.md").write_text(f"**Failed.**\n- {error}\n")
-            return None
+            return
         write_audit(audit, output, {"num_scenes": self.num_scenes, "scene_seed": self.scene_seed, **settings})
-        return audit
 
     def _on_whole_observations(self, policy: Callable[[Tensor], Tensor]) -> Callable[[Tensor], Tensor]:
         """A network sees what it learned from; a hand-written policy sees the human in any case."""

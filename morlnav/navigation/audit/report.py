@@ -53,7 +53,8 @@ def write_audit(audit: Audit, directory: str | Path, settings: Mapping[str, Any]
     plot_noise(audit.noise, audit.calibration).savefig(directory / "noise.png", dpi=150)
     (directory / "plans.png").unlink(missing_ok=True)
     if audit.planned:
-        plot_plans(audit.planned, audit.references).savefig(directory / "plans.png", dpi=150)
+        radii = {"human_radius": audit.world.human_radius, "robot_radius": audit.world.robot.radius}
+        plot_plans(audit.planned, audit.references, **radii).savefig(directory / "plans.png", dpi=150)
     return report
 
 

@@ -71,6 +71,7 @@ class Audit:
             ``min_human_distance``, ``human_on_right`` and ``earned``, what the demonstration reward pays for the path
             at full speed; the last three also of the target (``target_…``).
         planned: the planned paths themselves, with the target's paths in ``references``.
+        world: where it was judged.
         facts: ``target_rank``, ``target_reward``, ``idle_margin``, ``worst_margin``, and over noisy roll-outs
             ``noise_correlation``, ``return_spearman``, ``return_kendall`` (``Σ c_d·(R̂ + b_d)`` and true baseline
             return), ``mean_spearman`` (mean ``R̂`` and baseline return), ``length_spearman`` (mean ``R̂`` and episode
@@ -86,6 +87,7 @@ class Audit:
     reasons: list[str]
     planned: list[PlannedPath] = field(repr=False)
     references: list[Tensor] = field(repr=False)
+    world: World = field(repr=False)
 
     @property
     def passed(self) -> bool:
@@ -196,7 +198,7 @@ def audit_reward(
         lambda path, scene: path_returns([path], scene.unsqueeze(0), {"demo": paid}, world).item(),
     )
     reasons = _reasons(others, facts, table, thresholds)
-    return Audit(behaviours, noise, calibration, table, facts, reasons, planned, references)
+    return Audit(behaviours, noise, calibration, table, facts, reasons, planned, references, world)
 
 
 def _compare(

@@ -11,6 +11,7 @@ import pandas as pd
 
 from morlnav.navigation.demonstrations.columns import Columns, Reading
 from morlnav.navigation.demonstrations.names import UNITS
+from morlnav.navigation.world.geometry import wrap_angle
 
 if TYPE_CHECKING:
     from morlnav.navigation.demonstrations.trajectory_file import Trajectories
@@ -206,14 +207,14 @@ def check_heading(file: Trajectories, columns: Columns) -> None:
 
     def off(unit: str, meant: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         angle = meant(plain * UNITS["angle"][unit])
-        turned = angle[begin] + _wrap(angle[end] - angle[begin]) / 2 - course
-        return np.quantile(np.abs(_wrap(turned)), [0.5, 0.9])
+        turned = angle[begin] + wrap_angle(angle[end] - angle[begin]) / 2 - course
+        return np.quantile(np.abs(wrap_angle(turned)), [0.5, 0.9])
 
     units = ANGLES if "heading" in columns else [told]
     ways = {(unit, way): off(unit, way[2]) for unit, way in product(units, DIRECTIONS) if (unit, way) != (told, now)}
     least = min(then.sum() for then in ways.values())  # of several that fit the usual one comes first
     (unit, way), then = next(found for found in ways.items() if found[1].sum() <= least + 0.03)
-    here, bends = off(told, now[2]), np.quantile(np.abs(_wrap(course - course[0])), 0.9)
+    here, bends = off(told, now[2]), np.quantile(np.abs(wrap_angle(course - course[0])), 0.9)
     if here[0] > 0.08 and np.ptp(file.samples[begin, 2]) < 0.02 and bends > 0.3:
         guess = "it never changes, though the drive bends; is it of no use? Then: --heading motion"
     elif ((here > [0.08, 0.2]) & (then < here / 4)).any() or (here[0] > 0.6 and then[0] < 0.3):
@@ -232,7 +233,3 @@ def _guess_heading(unit: str, question: str | None, option: str) -> str:
     options = [f"--units heading={unit}"] if unit and option != "motion" else []
     options += [f"--heading {option}"] if option else []
     return f"{' and '.join(asks)}? Then: {' '.join(options) or 'leave --heading out'}"
-
-
-def _wrap(angle: np.ndarray) -> np.ndarray:
-    return (angle + np.pi) % (2 * np.pi) - np.pi

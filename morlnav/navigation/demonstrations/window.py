@@ -113,10 +113,6 @@ class SceneWindow:
     def _disc(self, centre: Tensor, radius: float, colour: str) -> None:
         pygame.draw.circle(self.surface, colour, self.to_screen(centre), max(2.0, radius * self._scale))
 
-    def save(self, path: str) -> None:
-        """Write what is shown into an image file."""
-        pygame.image.save(self.surface, path)
-
     def close(self) -> None:
         """Close the window."""
         pygame.display.quit()

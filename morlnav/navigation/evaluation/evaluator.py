@@ -190,11 +190,11 @@ class NavigationEvaluation(Evaluation):
             self._known[key] = scenes, shortest, references, front, best
         return self._known[key]
 
-    def report(self, policy: nn.Module, directory: Path) -> pd.DataFrame:
-        """Measure a trained policy, write tables and figures, and return the summary, a row per preference."""
+    def report(self, policy: nn.Module, directory: Path) -> None:
+        """Measure a trained policy, and write tables and figures (see :func:`write_report`)."""
         scenes = self.scenes()
         rollouts = self.drive(policy, scenes, self.preferences())
-        return write_report(
+        write_report(
             rollouts,
             directory,
             rewards=self.rewards,

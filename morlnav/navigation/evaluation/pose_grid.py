@@ -110,9 +110,7 @@ class PoseGrid:
 
     def to_world(self, pose: Tensor) -> Tensor:
         """Points ``[..., 2]`` or poses ``[..., 3]`` in the world frame."""
-        cos, sin = self.turned.cos(), self.turned.sin()
-        x, y = pose[..., 0], pose[..., 1]
-        position = self.scene.start[:2] + torch.stack([cos * x - sin * y, sin * x + cos * y], -1)
+        position = self.scene.start[:2] + to_frame(pose[..., :2], pose.new_zeros(2), -self.turned)
         return torch.cat([position, wrap_angle(pose[..., 2:] + self.turned)], -1)
 
     def touches(self, point: Tensor, room: float = 0.0) -> Tensor:

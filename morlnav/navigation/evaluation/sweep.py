@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -60,11 +60,12 @@ class Sweep:
         self.runs = kept.iloc[np.lexsort((more_than_the_word, word))].reset_index(drop=True)
         self.ablation = dict(self.runs[["setting", "ablation"]].to_numpy())
         self.settings = list(self.ablation)
+        self._paths = dict(zip(self.runs["run"], self.runs["path"], strict=True))
         self.notes = [
-            f"Run {run.run} ({run.setting}, seed {run.seed}) has no evaluation." for run in _rows(runs[~done])
+            f"Run {run.run} ({run.setting}, seed {run.seed}) has no evaluation." for run in runs[~done].itertuples()
         ]
         self.notes += [
-            f"Run {run.run} repeats seed {run.seed} of {run.setting}: left out." for run in _rows(runs[again])
+            f"Run {run.run} repeats seed {run.seed} of {run.setting}: left out." for run in runs[again].itertuples()
         ]
         seeds = self.runs["setting"].value_counts(sort=False)
         if single := list(seeds.index[seeds == 1]):
@@ -74,7 +75,7 @@ class Sweep:
         if self.summaries and 0 < len(absent) < len(PAPER):
             words = ",".join(f"[{word}]" if "," in word else word for word in absent)
             self.notes.append(f"The sweep lacks agents of the paper: ablation={words}.")
-        if untimed := [run.run for run in _rows(self.runs) if not self.seconds[run.run]]:
+        if untimed := [run for run, parts in self.seconds.items() if not parts]:
             self.notes.append(f"No wall time is known of {', '.join(untimed)}.")
         if self.summaries and self.front is None:
             self.notes.append("No run keeps evaluation/exact_front.csv; morlnav-evaluate RUN_DIR writes it.")
@@ -84,23 +85,25 @@ class Sweep:
     @cached_property
     def fronts(self) -> dict[str, pd.DataFrame]:
         """``front.csv`` of every run."""
-        return {run.run: read_columns(run.path / "evaluation" / "front.csv", ["utility"]) for run in _rows(self.runs)}
+        return {
+            run.run: read_columns(run.path / "evaluation" / "front.csv", ["utility"]) for run in self.runs.itertuples()
+        }
 
     @cached_property
     def episodes(self) -> dict[str, Path]:
         """``episodes.csv`` of the runs that keep it."""
-        files = {run.run: run.path / "evaluation" / "episodes.csv" for run in _rows(self.runs)}
+        files = {run: path / "evaluation" / "episodes.csv" for run, path in self._paths.items()}
         return {run: file for run, file in files.items() if file.is_file()}
 
     @cached_property
     def seconds(self) -> dict[str, dict[str, float]]:
         """``times.json`` of every run, as far as it keeps one."""
-        return {run.run: times_of(run.path) for run in _rows(self.runs)}
+        return {run: times_of(path) for run, path in self._paths.items()}
 
     @cached_property
     def summaries(self) -> dict[str, pd.DataFrame]:
         """``summary.csv`` of the runs that navigate."""
-        files = {run.run: run.path / "evaluation" / "summary.csv" for run in _rows(self.runs)}
+        files = {run: path / "evaluation" / "summary.csv" for run, path in self._paths.items()}
         columns = ["preference", "SR", "CR", "TR", "min_human_distance", "navigation_time", "time_ratio", "spl"]
         return {run: read_columns(file, columns) for run, file in files.items() if file.is_file()}
 
@@ -125,7 +128,7 @@ class Sweep:
     @cached_property
     def front(self) -> ExactFront | None:
         """The exact front that the first run with one keeps."""
-        files = [path / "evaluation" / "exact_front.csv" for path in self.runs["path"]]
+        files = [path / "evaluation" / "exact_front.csv" for path in self._paths.values()]
         file = next((file for file in files if file.is_file()), None)
         if file is None:
             return None
@@ -178,7 +181,7 @@ class Sweep:
             Columns ``score``, ``setting``, ``run``, ``task`` and ``value``, as :func:`aggregate_scores` takes them. An
             agent without preferences does the same for every λ.
         """
-        rows = [row for run in _rows(self.runs) for row in self._scores_of(run.run, run.setting)]
+        rows = [row for run in self.runs.itertuples() for row in self._scores_of(run.run, run.setting)]
         table = pd.DataFrame(rows, columns=["score", "setting", "run", "task", "value"]).dropna()
         order = ["success", "SPL", "fidelity", "front share", "utility", "hypervolume"]
         return table.sort_values("score", key=lambda name: name.map(order.index), kind="stable", ignore_index=True)
@@ -201,7 +204,8 @@ class Sweep:
         if len(self.summaries[run]) > 1:
             ranks = fidelity(summary.assign(success=True, scene=0))
             rows += [
-                ("fidelity", f"{r.objective} against {r.versus}", np.nan_to_num(r.edge_spearman)) for r in _rows(ranks)
+                ("fidelity", f"{r.objective} against {r.versus}", np.nan_to_num(r.edge_spearman))
+                for r in ranks.itertuples()
             ]
         return [(score, setting, run, task, value) for score, task, value in rows]
 
@@ -303,7 +307,3 @@ def _test_extremes(sample: pd.DataFrame, metrics: list[str]) -> pd.DataFrame:
 def _labels(table: pd.DataFrame) -> list[str]:
     names = tuneable_objectives(table)
     return [preference_label(names, row) for row in table[[f"lambda_{name}" for name in names]].to_numpy().tolist()]
-
-
-def _rows(table: pd.DataFrame) -> list[Any]:
-    return list(table.itertuples())

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
+import numpy as np
 import torch
 from torch import Tensor
 from torch.linalg import vector_norm
 
+Angle = TypeVar("Angle", Tensor, np.ndarray)
 
-def wrap_angle(angle: Tensor) -> Tensor:
+
+def wrap_angle(angle: Angle) -> Angle:
     """Wrap an angle in radians to ``[-π, π)``.
 
     >>> wrap_angle(torch.tensor(3 * torch.pi / 2))

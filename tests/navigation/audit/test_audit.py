@@ -1,16 +1,18 @@
 import json
 import math
+from dataclasses import replace
 
 import pandas as pd
 import pytest
 import torch
+from matplotlib.patches import Circle
 from omegaconf import OmegaConf
 from support import configure
 
 from morlnav.commands.audit import audit as audit_saved
-from morlnav.commands.audit import find_reward, main
+from morlnav.commands.audit import main
 from morlnav.modules import Actor, RewardEnsemble, RewardModel, read_facts, save_module
-from morlnav.navigation.audit import Thresholds, alternative_behaviours, audit_reward, write_audit
+from morlnav.navigation.audit import Thresholds, alternative_behaviours, audit_reward, plots, write_audit
 from morlnav.navigation.evaluation import Outcome, evaluation_scenes
 from morlnav.navigation.modules import CircumnavigationOracle
 from morlnav.navigation.world import DifferentialDrive, Lidar, SceneSampler, TensorWorld
@@ -129,10 +131,19 @@ def test_the_report_holds_verdict_tables_and_figures(audit, tmp_path):
     assert len(pd.read_csv(tmp_path / "audit" / "behaviours.csv")) == 15
 
 
+def test_planned_scenes_are_drawn_in_the_sizes_of_their_world(audit, tmp_path, monkeypatch):
+    figures, plot_plans = [], plots.plot_plans
+    monkeypatch.setattr(
+        plots, "plot_plans", lambda *args, **sizes: figures.append(plot_plans(*args, **sizes)) or figures[0]
+    )
+    world = TensorWorld(robot=DifferentialDrive(radius=0.25), human_radius=0.4)
+    write_audit(replace(audit, world=world), tmp_path)
+    assert {0.25, 0.4} <= {patch.radius for patch in figures[0].axes[0].patches if isinstance(patch, Circle)}
+
+
 def test_the_command_line_judges_a_saved_reward(tmp_path, monkeypatch, capsys):
     file = tmp_path / "reward.pt"
     save_module(RewardEnsemble([small_reward(), small_reward()]), file, {"held_out": {"accuracy": 0.5}})
-    assert find_reward(tmp_path) == find_reward(file) == file
     monkeypatch.setattr("sys.argv", ["morlnav-audit", str(tmp_path), "--scenes", "2", "--plans", "0", "--threads", "1"])
     with pytest.raises(SystemExit) as status:
         main()

@@ -124,7 +124,7 @@ class Studies:
         rng, best = np.random.default_rng(self.seed), self._baseline(self.demonstrator).mean().item()
         rows = []
         for value, row in zip(values, returns.double().cpu().numpy(), strict=True):
-            low, high = bootstrap_interval(row, 0.95, 1000, rng)
+            low, high = bootstrap_interval(row, rng)
             ends = {"baseline_low": low, "baseline_high": high, "demonstrator": best}
             rows.append({name: value, "baseline": row.mean(), **ends})
         return pd.DataFrame(rows)

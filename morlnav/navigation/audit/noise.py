@@ -109,7 +109,7 @@ def judge_noise(
 
     rows = []
     for level, values, returns, lengths in zip(levels, mean, baseline, steps, strict=True):
-        low, high = bootstrap_interval(values.numpy(), 0.95, 1000, rng)
+        low, high = bootstrap_interval(values.numpy(), rng)
         row = {"epsilon": level, "mean_reward": values.mean(), "mean_reward_low": low, "mean_reward_high": high}
         rows.append(row | {"baseline": returns.mean(), "steps": lengths.double().mean()})
     noise = pd.DataFrame(rows).astype(float)

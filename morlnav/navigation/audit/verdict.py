@@ -217,7 +217,7 @@ def _compare(
     for name, rollouts in driven.items():
         paired = target & (rollouts.outcome[0].cpu() == Outcome.GOAL) if suite[name].arrives else target
         margin = (score["target"] - score[name])[paired].numpy()
-        low, high = (math.nan, math.nan) if name == "target" else bootstrap_interval(margin, 0.95, 1000, rng)
+        low, high = (math.nan, math.nan) if name == "target" else bootstrap_interval(margin, rng)
         per_step = score[name][paired] / (scale * steps[name][paired]) - offset
         alike = suite[name].arrives and _alike(rollouts, driven["target"], paired, thresholds.alike)
         rows.append(

@@ -94,7 +94,7 @@ def _summary_row(group: pd.DataFrame, confidence: float, resamples: int, rng: np
     for name in metric_columns(group):
         values = metric_values(group, name)
         row[name] = values.mean() if len(values) else np.nan
-        row[f"{name}_low"], row[f"{name}_high"] = bootstrap_interval(values, confidence, resamples, rng)
+        row[f"{name}_low"], row[f"{name}_high"] = bootstrap_interval(values, rng, confidence, resamples)
     return row
 
 
@@ -113,7 +113,7 @@ def _counting(frame: pd.DataFrame, metric: str) -> pd.DataFrame:
 
 
 def bootstrap_interval(
-    values: np.ndarray, confidence: float, resamples: int, rng: np.random.Generator
+    values: np.ndarray, rng: np.random.Generator, confidence: float = 0.95, resamples: int = 1000
 ) -> tuple[float, float]:
     """Ends of the bootstrap interval of a mean ``[N]``; NaN for less than two values."""
     if len(values) < 2:

@@ -83,7 +83,6 @@ LEFT_OUT = {  # arguments that have a default and no place in a file
     "values": "of the keys",
     "weights": "the loss attaches its scalarisation",
     "preference_scale": "a clone sees no preference",
-    "balance": "preferences are as they are",
     "max_tries": "of the scene sampler",
     "comparisons": "ranking=compared brings them",
 }

@@ -18,15 +18,11 @@ class LinearScalarisation(nn.Module):
         tie_break: added to every scaled entry, or one number for each ``[n]``. A small positive value makes the
             scalarised optimum unique where a preference of zero would leave an objective free (augmented weighted
             sum); 0 is the paper's form.
-        balance: every preference entry is multiplied by this first, a number for each ``[n]``, and the preference
-            brought back to its sum. Corners of the simplex stay what they are; below 1, a style that drowns the others
-            makes room for them between its corner and theirs. ``None`` leaves preferences as they are.
-        objectives: names of the preference's entries; where they are given, all these may be mappings from them, in
-            which ``default`` serves those that are not named.
+        objectives: names of the preference's entries; where they are given, scale and tie break may be mappings from
+            them, in which ``default`` serves those that are not named.
 
     Raises:
-        ValueError: if a scale or a tie break is negative, a balance not positive, or a mapping does not fit the
-            objectives.
+        ValueError: if a scale or a tie break is negative, or a mapping does not fit the objectives.
 
     Examples:
         >>> LinearScalarisation()(torch.tensor([0.25, 0.75]), 3)
@@ -35,40 +31,32 @@ class LinearScalarisation(nn.Module):
         tensor([1.0000, 0.5000, 0.2500])
         >>> LinearScalarisation({"default": 1.0, "fast": 0.5}, objectives=["fast", "safe"]).scale
         tensor([0.5000, 1.0000])
-        >>> LinearScalarisation(scale=2.0, balance=[0.25, 1.0])(torch.tensor([[1.0, 0.0], [0.8, 0.2]]), 2)
-        tensor([[2., 0.],
-                [1., 1.]])
     """
 
     scale: Tensor
     tie_break: Tensor
-    balance: Tensor
 
     def __init__(
         self,
         scale: float | Sequence[float] | Mapping[str, float] = 1.0,
         tie_break: float | Sequence[float] | Mapping[str, float] = 0.0,
-        balance: Sequence[float] | Mapping[str, float] | None = None,
         objectives: Sequence[str] = (),
     ) -> None:
         super().__init__()
-        numbers = {"scale": scale, "tie_break": tie_break, "balance": 1.0 if balance is None else balance}
-        for name, value in numbers.items():
+        for name, value in (("scale", scale), ("tie_break", tie_break)):
             value = torch.as_tensor(by_name(value, objectives, name), dtype=torch.float32)
             self.register_buffer(name, value, persistent=False)
         if (self.scale < 0).any():
             raise ValueError(f"scale must not be negative, got {scale}.")
         if (self.tie_break < 0).any():
             raise ValueError(f"tie_break must not be negative, got {tie_break}.")
-        if balance is not None and not (self.balance.ndim and (self.balance > 0).all()):
-            raise ValueError(f"balance must be a positive number for each objective, got {balance}.")
 
     def forward(self, preference: Tensor, num_objectives: int) -> Tensor:
         """Weights ``[..., m]`` for preferences ``[..., n]``, ``n <= m = num_objectives``.
 
         Raises:
-            ValueError: if there are more preference entries than objectives, or another number than of scales, tie
-                breaks or balances.
+            ValueError: if there are more preference entries than objectives, or another number than of scales or tie
+                breaks.
         """
         static = num_objectives - preference.shape[-1]
         if static < 0:
@@ -79,9 +67,6 @@ class LinearScalarisation(nn.Module):
             if value.ndim and len(value) != preference.shape[-1]:
                 raise ValueError(f"{name} has {len(value)} entries, the preference {preference.shape[-1]}.")
         ones = preference.new_ones(*preference.shape[:-1], static)
-        if self.balance.ndim:
-            balanced = self.balance * preference
-            preference = balanced * (preference.sum(-1, keepdim=True) / balanced.sum(-1, keepdim=True))
         return torch.cat([ones, self.scale * preference + self.tie_break], -1)
 
 

@@ -24,19 +24,6 @@ def test_styles_may_weigh_less_than_static_objectives():
     torch.testing.assert_close(weights, torch.tensor([[1.0, 1.0, 0.5, 0.3], [1.0, 1.0, 0.0, 1.3]]))
 
 
-def test_balance_moves_what_lies_between_corners_and_keeps_sums():
-    balanced, plain = (LinearScalarisation([3.0, 2.0], 0.1, balance) for balance in ([0.25, 1.0], None))
-    corners, between = torch.eye(2), torch.tensor([[0.8, 0.2], [0.4, 0.1]])
-    assert torch.equal(balanced(corners, 3), plain(corners, 3))
-    torch.testing.assert_close(balanced(between, 2), plain(torch.tensor([[0.5, 0.5], [0.25, 0.25]]), 2))
-
-
-def test_equal_balances_change_nothing_bit_for_bit():
-    preference = torch.rand(1000, 3)
-    balanced = LinearScalarisation(2.0, 0.1, {"default": 1.0}, ["a", "b", "c"])
-    assert torch.equal(balanced(preference, 4), LinearScalarisation(2.0, 0.1)(preference, 4))
-
-
 def test_a_style_may_weigh_nothing():
     weights = LinearScalarisation(scale=0.0)(torch.ones(1, 1), 2)
     assert weights.tolist() == [[1.0, 0.0]]
@@ -47,10 +34,5 @@ def test_wrong_scales_and_tie_breaks_are_named():
         LinearScalarisation(scale=-0.1)
     with pytest.raises(ValueError, match="tie_break must not be negative"):
         LinearScalarisation(tie_break=[0.1, -0.1])
-    for balance in ([1.0, 0.0], [1.0, -1.0], [1.0, torch.nan], 0.5):
-        with pytest.raises(ValueError, match="balance must be a positive number for each objective"):
-            LinearScalarisation(balance=balance)
-    with pytest.raises(ValueError, match="balance has 2 entries, the preference 3"):
-        LinearScalarisation(balance=[0.5, 1.0])(torch.rand(4, 3), 4)
     with pytest.raises(ValueError, match="tie_break has 2 entries, the preference 3"):
         LinearScalarisation(tie_break=[0.1, 0.1])(torch.rand(4, 3), 4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from morlnav.modules.checks import require
 from morlnav.modules.saved import load_module, read_facts, save_module
+from morlnav.modules.scalarisation import by_name
 
 POLICY_FILE = "policy.pt"
 SUM_TOLERANCE = 1e-3
@@ -30,15 +31,28 @@ class Policy(nn.Module):
     Args:
         actor: the network.
         objectives: names of the preference's entries, in order.
+        balance: what entries of a preference are multiplied by before the actor is asked, by objective; the preference
+            is brought back to its sum. Pure preferences stay what they are; below 1, a style that drowns the others
+            makes room for them in between.
+
+    Raises:
+        ValueError: if ``balance`` names another objective, or a number that is not positive.
 
     Examples:
         >>> from morlnav.modules import Actor
-        >>> policy = Policy(Actor(2, [0.0, -3.14], [0.5, 3.14], features=34), ("distance", "efficiency"))
-        >>> policy(torch.zeros(8, 34), torch.tensor([0.5, 0.5])).shape
+        >>> actor = Actor(2, [0.0, -3.14], [0.5, 3.14], features=34)
+        >>> policy, observation = Policy(actor, ("distance", "efficiency")), torch.zeros(8, 34)
+        >>> policy(observation, torch.tensor([0.5, 0.5])).shape
         torch.Size([8, 2])
+        >>> even = Policy(actor, ("distance", "efficiency"), balance={"distance": 0.25})
+        >>> same = even(observation, torch.tensor([0.8, 0.2])), policy(observation, torch.tensor([0.5, 0.5]))
+        >>> torch.allclose(*same)
+        True
     """
 
-    def __init__(self, actor: nn.Module, objectives: Sequence[str]) -> None:
+    balance: Tensor | None
+
+    def __init__(self, actor: nn.Module, objectives: Sequence[str], balance: Mapping[str, float] | None = None) -> None:
         super().__init__()
         self.actor = actor
         self.objectives = tuple(objectives)
@@ -47,6 +61,10 @@ class Policy(nn.Module):
         device = next((weight.device for weight in self.parameters()), None)
         for name, limit in zip(("low", "high"), limits, strict=True):
             self.register_buffer(name, limit.to(device), persistent=False)
+        numbers = balance and torch.tensor(by_name({"default": 1.0} | dict(balance), self.objectives, "balance"))
+        if numbers is not None and not ((numbers > 0) & numbers.isfinite()).all():
+            raise ValueError(f"balance must be positive and finite, got {dict(balance)}.")
+        self.register_buffer("balance", numbers if numbers is None else numbers.to(device), persistent=False)
 
     def forward(self, observation: Tensor, preference: Tensor) -> Tensor:
         """Actions for observations; the preference broadcasts over them.
@@ -69,6 +87,9 @@ class Policy(nn.Module):
             _refuse(observation, finite, preference, point)
             sentence = "Observations must keep to what can be measured"
             require(inside.all(), sentence, lambda: self._outside(observation, inside))
+        if self.balance is not None:
+            preference = self.balance * preference
+            preference = preference / preference.sum(-1, keepdim=True)
         action = self.actor(observation, preference.expand(*observation.shape[:-1], -1))
         if silent:
             sound = finite.all(-1) & inside.all(-1) & point & action.isfinite().all(-1)
@@ -126,7 +147,12 @@ def save(actor: nn.Module, objectives: Sequence[str], directory: str | Path) -> 
     save_module(actor, Path(directory) / POLICY_FILE, {"objectives": list(objectives)})
 
 
-def load(directory: str | Path, trust: bool | Collection[str] = False, device: str = "cpu") -> Policy:
+def load(
+    directory: str | Path,
+    trust: bool | Collection[str] = False,
+    device: str = "cpu",
+    balance: Mapping[str, float] | None = None,
+) -> Policy:
     """Load the policy of a run directory.
 
     Args:
@@ -134,13 +160,14 @@ def load(directory: str | Path, trust: bool | Collection[str] = False, device: s
         trust: also build classes from outside ``morlnav`` that the policy is made of: all, which is only for runs of
             your own, for building a class runs its code; or those of these names.
         device: where to put it, wherever it was trained.
+        balance: evens its knob; see :class:`Policy`.
 
     Returns:
         The averaged actor in evaluation mode.
 
     Raises:
         FileNotFoundError: if the policy is missing.
-        ValueError: if it is made of foreign classes and not trusted, or a file is damaged.
+        ValueError: if it is made of foreign classes and not trusted, a file is damaged, or ``balance`` does not fit.
 
     Examples:
         >>> load("results/default").objectives
@@ -154,4 +181,4 @@ def load(directory: str | Path, trust: bool | Collection[str] = False, device: s
     facts = read_facts(path)
     if not isinstance(facts.get("objectives"), list):
         raise ValueError(f"{path.with_suffix('.json')} is damaged: it names no objectives.")
-    return Policy(load_module(path, device, trust), facts["objectives"]).eval()
+    return Policy(load_module(path, device, trust), facts["objectives"], balance).eval()

@@ -15,9 +15,10 @@ onnxruntime = pytest.importorskip("onnxruntime")
 RESULTS = Path(__file__).parents[2] / "results"
 
 
-@pytest.fixture(scope="module", params=["smoke", "trained"])
+@pytest.fixture(scope="module", params=["smoke", "trained", "balanced"])
 def policy(request, smoke_run):
-    return morlnav.load(smoke_run if request.param == "smoke" else RESULTS / "default")
+    balance = {"demo": 0.3} if request.param == "balanced" else None
+    return morlnav.load(smoke_run if request.param == "smoke" else RESULTS / "default", balance=balance)
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from morlnav.deployment.policy import Policy
 from morlnav.runs import make_training
 
 FILES = ("policy.pt", "policy.json")
+DEFAULT = Path(__file__).parents[2] / "results" / "default"
 
 
 @pytest.fixture
@@ -212,3 +213,27 @@ def test_a_missing_file_is_named_in_one_sentence(copied_run, missing, sentence):
     with pytest.raises((FileNotFoundError, ValueError), match=sentence) as error:
         morlnav.load(copied_run)
     assert "\n" not in str(error.value)
+
+
+def test_balance_moves_what_lies_between_styles_and_keeps_pure_ones():
+    plain, even = morlnav.load(DEFAULT), morlnav.load(DEFAULT, balance={"demo": 0.25})
+    observation, pure = observations(3), torch.eye(3)
+    assert torch.equal(even(observation, pure), plain(observation, pure))
+    asked, answered = torch.tensor([0.8, 0.2, 0.0]), torch.tensor([0.5, 0.5, 0.0])
+    torch.testing.assert_close(even(observation, asked), plain(observation, answered))
+    with pytest.raises(ValueError, match="add up to 1"):
+        even(observation, 2 * asked)
+
+
+@pytest.mark.parametrize(
+    ("balance", "sentence"),
+    [
+        ({"dem": 0.5}, "balance names dem, which is none of: demo, distance, efficiency"),
+        ({"demo": 0.0}, "balance must be positive and finite"),
+        ({"demo": float("nan")}, "balance must be positive and finite"),
+        ({"demo": float("inf")}, "balance must be positive and finite"),
+    ],
+)
+def test_a_wrong_balance_is_named(balance, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        morlnav.load(DEFAULT, balance=balance)

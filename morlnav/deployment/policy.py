@@ -36,7 +36,7 @@ class Policy(nn.Module):
             makes room for them in between.
 
     Raises:
-        ValueError: if ``balance`` names another objective, or a number that is not positive.
+        ValueError: if ``balance`` names another objective, or gives one no positive number.
 
     Examples:
         >>> from morlnav.modules import Actor
@@ -61,10 +61,8 @@ class Policy(nn.Module):
         device = next((weight.device for weight in self.parameters()), None)
         for name, limit in zip(("low", "high"), limits, strict=True):
             self.register_buffer(name, limit.to(device), persistent=False)
-        numbers = balance and torch.tensor(by_name({"default": 1.0} | dict(balance), self.objectives, "balance"))
-        if numbers is not None and not ((numbers > 0) & numbers.isfinite()).all():
-            raise ValueError(f"balance must be positive and finite, got {dict(balance)}.")
-        self.register_buffer("balance", numbers if numbers is None else numbers.to(device), persistent=False)
+        numbers = None if balance is None else _numbers(balance, self.objectives).to(device)
+        self.register_buffer("balance", numbers, persistent=False)
 
     def forward(self, observation: Tensor, preference: Tensor) -> Tensor:
         """Actions for observations; the preference broadcasts over them.
@@ -88,8 +86,8 @@ class Policy(nn.Module):
             sentence = "Observations must keep to what can be measured"
             require(inside.all(), sentence, lambda: self._outside(observation, inside))
         if self.balance is not None:
-            preference = self.balance * preference
-            preference = preference / preference.sum(-1, keepdim=True)
+            balanced = self.balance * preference
+            preference = balanced / (balanced.sum(-1, keepdim=True) / preference.sum(-1, keepdim=True))
         action = self.actor(observation, preference.expand(*observation.shape[:-1], -1))
         if silent:
             sound = finite.all(-1) & inside.all(-1) & point & action.isfinite().all(-1)
@@ -102,6 +100,16 @@ class Policy(nn.Module):
         entry = int((~inside).nonzero()[0, -1])
         found = observation[~inside][0].item()
         return f"{found:g} in entry {entry}, which goes from {self.low[entry]:.4g} to {self.high[entry]:.4g}"
+
+
+def _numbers(balance: Mapping[str, float], objectives: Sequence[str]) -> Tensor:
+    """A balance for each objective, 1 for those that are not named."""
+    if not isinstance(balance, Mapping) or not all(isinstance(number, int | float) for number in balance.values()):
+        raise ValueError(f"balance must give numbers by objective, such as {{'demo': 0.3}}, got {balance}.")
+    numbers = torch.tensor(by_name({"default": 1.0, **balance}, objectives, "balance"))
+    if not ((numbers > 0) & numbers.isfinite()).all():
+        raise ValueError(f"balance must be positive and finite, got {dict(balance)}.")
+    return numbers
 
 
 def _as_tensors(observation: Any, preference: Any) -> tuple[Tensor, Tensor]:

@@ -225,6 +225,13 @@ def test_balance_moves_what_lies_between_styles_and_keeps_pure_ones():
         even(observation, 2 * asked)
 
 
+def test_balance_keeps_the_sum_of_a_rounded_preference_and_none_is_like_all_equal():
+    policies = [morlnav.load(DEFAULT, balance=balance) for balance in (None, {}, {"default": 2.0})]
+    plain, *equal = (policy(torch.ones(34), torch.tensor([0.333, 0.333, 0.333])) for policy in policies)
+    for action in equal:
+        torch.testing.assert_close(action, plain)
+
+
 @pytest.mark.parametrize(
     ("balance", "sentence"),
     [
@@ -232,6 +239,8 @@ def test_balance_moves_what_lies_between_styles_and_keeps_pure_ones():
         ({"demo": 0.0}, "balance must be positive and finite"),
         ({"demo": float("nan")}, "balance must be positive and finite"),
         ({"demo": float("inf")}, "balance must be positive and finite"),
+        ({"demo": "much"}, "balance must give numbers by objective, such as {'demo': 0.3}, got {'demo': 'much'}"),
+        (0.3, "balance must give numbers by objective"),
     ],
 )
 def test_a_wrong_balance_is_named(balance, sentence):

@@ -10,6 +10,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from torch import Tensor
 
 import morlnav
 from morlnav.deployment import Policy
@@ -30,12 +31,13 @@ from morlnav.simplex import preference_edges
 STYLES = ("demo", "distance", "efficiency")
 
 
-def measure(policy: Policy, scenes: Scene, steps: int = 10) -> list[str]:
+def measure(policy: Policy, scenes: Scene, references: list[Tensor], steps: int = 10) -> list[str]:
     """A row: success, the lower ρ of each style's two edges, and distances from λ = demo to λ = distance.
 
     Args:
         policy: for the three styles.
         scenes: to drive in, ``[S]``.
+        references: the demonstrator's paths in these scenes.
         steps: of the weights along an edge.
 
     Raises:
@@ -45,7 +47,6 @@ def measure(policy: Policy, scenes: Scene, steps: int = 10) -> list[str]:
         raise ValueError(f"The knob is that of {', '.join(STYLES)}; the policy weighs {', '.join(policy.objectives)}.")
     paid = dict.fromkeys(STYLES, Efficiency())  # which is no matter here
     rollouts = evaluate_policy(policy, scenes, preference_edges(len(STYLES), steps), objectives=paid)
-    references = reference_paths(scenes, CircumnavigationOracle(), max_steps=500)
     summary = summarise(frame := episode_metrics(rollouts, STYLES, references=references), resamples=2)
     ranks = fidelity(frame).groupby("objective")["edge_spearman"].min()
     edge = summary[np.isclose(summary["lambda_efficiency"], 0)].sort_values("lambda_distance")
@@ -61,9 +62,11 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=100)
     arguments = parser.parse_args()
     scenes, rows = evaluation_scenes(arguments.scenes, seed=12345), []
+    references = reference_paths(scenes, CircumnavigationOracle(), max_steps=500)
     for run in arguments.runs:
         for demo in arguments.demo:
-            rows.append([f"`{run}`", f"{demo:g}", *measure(morlnav.load(run, balance={"demo": demo}), scenes)])
+            policy = morlnav.load(run, balance={"demo": demo})
+            rows.append([f"`{run}`", f"{demo:g}", *measure(policy, scenes, references)])
     head = ("run", "balance of demo", "success", *(f"ρ {name}" for name in STYLES), "distance, demo to distance")
     print(markdown_table(head, rows, (":--", "--:")))
 

@@ -40,6 +40,7 @@ def test_a_saved_model_comes_back_frozen_and_exactly_the_same(model, tmp_path):
     assert not any(parameter.requires_grad for parameter in loaded.parameters())
     assert read_facts(path) == {"audit": {"rank": 1, "margin": 24.0}}
     assert loaded.low == pytest.approx(0.1)
+    assert [member.inputs for member in loaded.model.models] == [member.inputs for member in model.model.models]
 
 
 def test_nothing_that_is_drawn_depends_on_what_was_loaded(model, tmp_path):

@@ -155,6 +155,7 @@ def test_the_command_line_judges_a_saved_reward(tmp_path, monkeypatch, capsys):
     assert facts["audit"]["settings"]["num_scenes"] == 2
     assert facts["audit"]["reasons"]
     assert (file.parent / "audit" / "audit.md").is_file()
+    assert audit_saved(file, num_scenes=2, plans=0) == audit_saved(tmp_path, num_scenes=2, plans=0)
 
     monkeypatch.setattr("sys.argv", ["morlnav-audit", str(tmp_path / "nowhere")])
     with pytest.raises(SystemExit, match="There is no reward model"):
